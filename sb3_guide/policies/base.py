@@ -1,0 +1,154 @@
+"""What all policies share: SB3's heads on one of the agents' networks."""
+
+from typing import Any, ClassVar
+
+import torch as th
+from gymnasium import spaces
+from stable_baselines3.common.distributions import Distribution
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import MlpExtractor
+from stable_baselines3.common.type_aliases import Schedule
+from torch import nn
+
+from sb3_guide.policies.memory import State
+from sb3_guide.policies.networks import AgentNetwork, GuideNetwork, Latent
+from sb3_guide.policies.sequences import Observations
+
+TWO_LAYERS = {"pi": [64], "vf": [64]}  # one hidden layer and SB3's linear head: the paper's two-layered policy module
+
+
+class Heads(MlpExtractor):
+    """
+    SB3's ``mlp_extractor`` on a :class:`Latent`, where actor and critic may read different things.
+
+    :param network: whose latent is read
+    :param net_arch: as in SB3
+    :param activation_fn: as in SB3
+    :param device: as in SB3
+    """
+
+    def __init__(
+        self,
+        network: AgentNetwork,
+        net_arch: list[int] | dict[str, list[int]],
+        activation_fn: type[nn.Module],
+        device: th.device | str = "auto",
+    ) -> None:
+        super().__init__(network.features_dim, net_arch, activation_fn, device)
+        critic = MlpExtractor(network.critic_dim, net_arch, activation_fn, device)
+        self.value_net, self.latent_dim_vf = critic.value_net, critic.latent_dim_vf
+
+    def forward(self, latent: Latent) -> tuple[th.Tensor, th.Tensor]:  # type: ignore[override]
+        return self.forward_actor(latent), self.forward_critic(latent)
+
+    def forward_actor(self, latent: Latent) -> th.Tensor:  # type: ignore[override]
+        return self.policy_net(latent.pi)
+
+    def forward_critic(self, latent: Latent) -> th.Tensor:  # type: ignore[override]
+        return self.value_net(latent.vf)
+
+
+class AgentPolicy(ActorCriticPolicy):
+    """
+    Actor-critic policy on one of the three networks, which SB3 calls as its features extractor.
+
+    :param observation_space: of a GuideGrid level
+    :param action_space: Discrete
+    :param lr_schedule: as in SB3
+    :param net_arch: layers between latent and heads, as in SB3; one layer of 64 for each by default
+    :param network_kwargs: sizes and message shape, as the network's constructor names them
+    :param agent_kwargs: what a constructor of a subclass was called with beyond SB3's own arguments
+    :param kwargs: as in SB3's ``ActorCriticPolicy``
+    """
+
+    network_class: ClassVar[type[AgentNetwork]]
+    carries_memory: ClassVar[bool]  # through the episode; a window is remembered anew at every step otherwise
+
+    def __init__(
+        self,
+        observation_space: spaces.Dict,
+        action_space: spaces.Discrete,
+        lr_schedule: Schedule,
+        *,
+        net_arch: list[int] | dict[str, list[int]] | None = None,
+        network_kwargs: dict[str, Any],
+        agent_kwargs: dict[str, Any],
+        **kwargs: Any,
+    ) -> None:
+        self.agent_kwargs = agent_kwargs
+        super().__init__(
+            observation_space,
+            action_space,
+            lr_schedule,
+            net_arch=TWO_LAYERS if net_arch is None else net_arch,
+            features_extractor_class=self.network_class,  # type: ignore[arg-type]  # SB3 asks no more than features_dim of it
+            features_extractor_kwargs=network_kwargs,
+            **kwargs,
+        )
+
+    def _build_mlp_extractor(self) -> None:
+        self.mlp_extractor = Heads(self.network, self.net_arch, self.activation_fn, self.device)
+
+    def _get_constructor_parameters(self) -> dict[str, Any]:
+        data = super()._get_constructor_parameters()
+        for name in ("features_extractor_class", "features_extractor_kwargs"):
+            del data[name]
+        return {**data, **self.agent_kwargs}
+
+    @property
+    def network(self) -> AgentNetwork:
+        """The agent's network, from observation to latent."""
+        assert isinstance(self.features_extractor, AgentNetwork)
+        return self.features_extractor
+
+    def action_distribution(self, latent: Latent) -> Distribution:
+        """
+        :param latent: of K frames
+        :return: distribution of K actions
+        """
+        return self._get_action_dist_from_latent(self.mlp_extractor.forward_actor(latent))  # type: ignore[arg-type]
+
+    def memory(self, obs: Observations, state: State | None = None) -> th.Tensor:
+        """
+        :param obs: of B worlds
+        :param state: what a policy with carried memory remembers of the time before; None for one with window memory
+        :return: (B, state_size) what the agent remembers, the present observation included
+        """
+        raise NotImplementedError
+
+    @property
+    def channel(self) -> GuideNetwork:
+        """
+        The network of an agent with a channel.
+
+        :raises TypeError: if the agent has none
+        """
+        if not isinstance(self.network, GuideNetwork):
+            raise TypeError(f"{type(self).__name__} sends no messages: expected a GuidePolicy or a GuidedLearnerPolicy")
+        return self.network
+
+    def message_log_probs(self, obs: Observations, state: State | None = None) -> th.Tensor:
+        """
+        :param obs: of B worlds
+        :param state: see :meth:`memory`
+        :return: (B, M) log-probability that the Guide sends each message
+        :raises TypeError: if the agent has no channel
+        """
+        return self.channel.message_log_probs(self.memory(obs, state))
+
+    def action_log_probs_given_messages(self, obs: Observations, state: State | None = None) -> th.Tensor:
+        """
+        :param obs: of B worlds
+        :param state: see :meth:`memory`
+        :return: (B, M, A) log-probability of each action, were each message sent and the memory as it is
+        :raises TypeError: if the agent has no channel
+        """
+        return self.listen(self.memory(obs, state))
+
+    def listen(self, memory: th.Tensor) -> th.Tensor:
+        """
+        :param memory: (K, state_size)
+        :return: (K, M, A) log-probability of each action given each message
+        """
+        latent = self.channel.latent_of_each_message(memory)
+        return self.action_net(self.mlp_extractor.policy_net(latent)).log_softmax(dim=-1)

@@ -1,0 +1,150 @@
+"""The discrete channel: a decoder speaks a message, an encoder reads it."""
+
+from dataclasses import dataclass
+from itertools import product
+
+import torch as th
+import torch.nn.functional as F
+from torch import nn
+
+MAX_MESSAGES = 256  # enumerating more than these for the metrics would need too much memory
+
+
+@dataclass(frozen=True)
+class MessageShape:
+    """
+    Form of all messages of a Guide.
+
+    :param length: symbols in a message
+    :param vocabulary_size: different symbols
+    :raises ValueError: if there are no such messages
+    """
+
+    length: int = 2
+    vocabulary_size: int = 3
+
+    def __post_init__(self) -> None:
+        if self.length < 1 or self.vocabulary_size < 2:
+            raise ValueError(
+                f"message_length={self.length} and vocabulary_size={self.vocabulary_size} make no channel: "
+                "expected a length of at least 1 and at least 2 symbols"
+            )
+
+    @property
+    def count(self) -> int:
+        """Number of different messages."""
+        return self.vocabulary_size**self.length
+
+    def all(self) -> th.Tensor:
+        """
+        :return: (M, length) int64, every message, in the order of its index (w0 w0, w0 w1, ...)
+        :raises ValueError: if there are more than 256
+        """
+        if self.count > MAX_MESSAGES:
+            raise ValueError(
+                f"{self.vocabulary_size}^{self.length} = {self.count} messages are too many to enumerate: "
+                f"expected at most {MAX_MESSAGES}; use shorter messages or fewer symbols to measure communication"
+            )
+        return th.tensor(list(product(range(self.vocabulary_size), repeat=self.length)))
+
+    def index(self, messages: th.Tensor) -> th.Tensor:
+        """
+        :param messages: (..., length) symbols
+        :return: (...) index of each message
+        """
+        weights = self.vocabulary_size ** th.arange(self.length - 1, -1, -1, device=messages.device)
+        return (messages * weights).sum(dim=-1)
+
+    def names(self) -> list[str]:
+        """:return: every message as the paper writes it, such as "w0 w2" """
+        return [" ".join(f"w{symbol}" for symbol in message) for message in self.all().tolist()]
+
+
+class MessageDecoder(nn.Module):
+    """
+    GRU that speaks a message of fixed length, starting from the Guide's memory. Symbols are chosen by the straight-through
+    Gumbel-softmax (Jang et al. 2017) with a temperature that is learned and depends on the state, as in the authors' code.
+
+    :param memory: width of the Guide's memory
+    :param symbol: width of a symbol's embedding
+    :param shape: form of the messages
+    """
+
+    def __init__(self, memory: int, symbol: int, shape: MessageShape) -> None:
+        super().__init__()
+        self.shape = shape
+        self.embedding = nn.Linear(shape.vocabulary_size, symbol, bias=False)  # takes one-hot symbols, to be differentiable
+        self.cell = nn.GRUCell(symbol, memory)
+        self.logits = nn.Linear(memory, shape.vocabulary_size)
+        self.inverse_temperature = nn.Linear(memory, 1)
+
+    def start(self, memory: th.Tensor) -> th.Tensor:
+        """:return: (K, vocabulary_size) the symbol before the first one, which is w0"""
+        return F.one_hot(th.zeros(len(memory), dtype=th.long, device=memory.device), self.shape.vocabulary_size).float()
+
+    def forward(self, memory: th.Tensor, generator: th.Generator | None = None) -> th.Tensor:
+        """
+        Speak. The result is one-hot going forward and relaxed going backward.
+
+        :param memory: (K, memory)
+        :param generator: source of the Gumbel noise; None means the most probable symbols, without noise
+        :return: (K, length, vocabulary_size)
+        """
+        hidden, symbol, symbols = memory, self.start(memory), []
+        for _ in range(self.shape.length):
+            hidden = self.cell(self.embedding(symbol), hidden)
+            logits = self.logits(hidden).log_softmax(dim=-1)
+            if generator is not None:
+                uniform = th.rand(logits.shape, generator=generator).clamp(min=th.finfo(th.float32).tiny)
+                logits = logits - (-uniform.log()).log().to(logits.device)
+            relaxed = (logits * (F.softplus(self.inverse_temperature(hidden)) + 0.2)).softmax(dim=-1)
+            hard = F.one_hot(relaxed.argmax(dim=-1), self.shape.vocabulary_size).float()
+            symbol = hard + relaxed - relaxed.detach()
+            symbols.append(symbol)
+        return th.stack(symbols, dim=1)
+
+    def log_probs(self, memory: th.Tensor) -> th.Tensor:
+        """
+        Log-probability of every message, at temperature 1 and without noise.
+
+        :param memory: (K, memory)
+        :return: (K, M)
+        """
+        messages = self.shape.all().to(memory.device)  # (M, length)
+        count, frames = len(messages), len(memory)
+        spoken = F.one_hot(messages, self.shape.vocabulary_size).float().repeat(frames, 1, 1)  # (K * M, length, V)
+        hidden, symbol = memory.repeat_interleave(count, dim=0), self.start(memory).repeat_interleave(count, dim=0)
+        total = memory.new_zeros(frames * count)
+        for position in range(self.shape.length):
+            hidden = self.cell(self.embedding(symbol), hidden)
+            symbol = spoken[:, position]
+            total = total + (self.logits(hidden).log_softmax(dim=-1) * symbol).sum(dim=-1)
+        return total.view(frames, count)
+
+
+class MessageEncoder(nn.Module):
+    """
+    GRU that reads a message.
+
+    :param symbol: width of a symbol's embedding
+    :param message: width of the encoding
+    :param shape: form of the messages
+    """
+
+    def __init__(self, symbol: int, message: int, shape: MessageShape) -> None:
+        super().__init__()
+        self.shape = shape
+        self.embedding = nn.Linear(shape.vocabulary_size, symbol, bias=False)
+        self.gru = nn.GRU(symbol, message, batch_first=True)
+
+    def forward(self, symbols: th.Tensor) -> th.Tensor:
+        """
+        :param symbols: (K, length, vocabulary_size) one-hot
+        :return: (K, message)
+        """
+        return self.gru(self.embedding(symbols))[1].squeeze(0)
+
+    def all(self) -> th.Tensor:
+        """:return: (M, message) the encoding of every message, in the order of its index"""
+        messages = self.shape.all().to(self.embedding.weight.device)
+        return self(F.one_hot(messages, self.shape.vocabulary_size).float())

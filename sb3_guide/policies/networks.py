@@ -1,0 +1,222 @@
+"""The three agents' networks, from observation to the latent that the policy's heads read."""
+
+from typing import NamedTuple
+
+import torch as th
+from gymnasium import spaces
+from torch import nn
+
+from sb3_guide.policies.channel import MessageDecoder, MessageEncoder, MessageShape
+from sb3_guide.policies.film import FiLMExtractor
+from sb3_guide.policies.memory import Memory, State
+from sb3_guide.policies.sequences import Observations, Sequences, windows
+from sb3_guide.policies.sizes import size_of
+
+
+class Latent(NamedTuple):
+    """
+    What the heads read.
+
+    :param pi: (K, features_dim) input of the action head
+    :param vf: (K, critic_dim) input of the critic
+    """
+
+    pi: th.Tensor
+    vf: th.Tensor
+
+
+class AgentNetwork(nn.Module):
+    """
+    What all three networks share: ``remember`` turns frames into memory, ``latent`` turns memory into the heads' input.
+    SB3 calls a network as the policy's features extractor.
+    """
+
+    state_size: int  # width of h, of c and of the memory
+    features_dim: int  # width of Latent.pi
+    critic_dim: int  # width of Latent.vf
+
+    def remember(self, sequences: Sequences, state: State | None = None) -> tuple[th.Tensor, State]:
+        """
+        :param sequences: B sequences of K frames in all
+        :param state: (h, c), each (1, B, state_size), before the first frames; None where episodes begin
+        :return: memory at each frame (K, state_size), and (h, c) after the last frames
+        """
+        raise NotImplementedError
+
+    def latent(self, memory: th.Tensor, generator: th.Generator | None = None) -> Latent:
+        """
+        :param memory: (K, state_size)
+        :param generator: source of the noise with which messages are sampled; None means greedy messages
+        """
+        raise NotImplementedError
+
+    def forward(self, observations: Observations) -> Latent:
+        """
+        Window memory: remember the window from nothing, keep its last frame.
+
+        :param observations: of B worlds, see :func:`~sb3_guide.policies.sequences.windows`
+        """
+        sequences = windows(observations)
+        return self.latent(self.remember(sequences)[0][sequences.last])
+
+
+class Learner(AgentNetwork):
+    """
+    Instruction GRU, convolution, FiLM and memory LSTM (paper section 3.2).
+
+    :param observation_space: of the level
+    :param size: "compact" or "paper"
+    """
+
+    def __init__(self, observation_space: spaces.Dict, size: str = "compact") -> None:
+        super().__init__()
+        self.film = FiLMExtractor(observation_space, size)
+        self.memory = Memory(self.film.features_dim, size_of(size).memory)
+        self.state_size = self.features_dim = self.critic_dim = self.memory.hidden
+
+    def remember(self, sequences: Sequences, state: State | None = None) -> tuple[th.Tensor, State]:
+        rows = th.arange(len(sequences.lengths), device=sequences.lengths.device)
+        features = self.film.encode(sequences.images, sequences.missions, rows.repeat_interleave(sequences.lengths))
+        return self.memory(features, sequences.lengths, state)
+
+    def latent(self, memory: th.Tensor, generator: th.Generator | None = None) -> Latent:
+        return Latent(memory, memory)
+
+
+class Speaker(Learner):
+    """
+    The part of a Guide that a new Learner is paired with in stage 3: a Learner's trunk and the message decoder.
+
+    :param observation_space: of the level
+    :param size: "compact" or "paper"
+    :param shape: form of the messages
+    """
+
+    def __init__(self, observation_space: spaces.Dict, size: str, shape: MessageShape) -> None:
+        super().__init__(observation_space, size)
+        self.decoder = MessageDecoder(self.state_size, size_of(size).symbol, shape)
+
+
+class GuideNetwork(AgentNetwork):
+    """
+    What the two networks with a channel share.
+
+    :param size: of the message encoder
+    :param speaker: who speaks
+    """
+
+    def __init__(self, size: str, speaker: Speaker) -> None:
+        super().__init__()
+        self.speaker = speaker
+        self.encoder = MessageEncoder(size_of(size).symbol, size_of(size).message, speaker.decoder.shape)
+
+    def speaker_memory(self, memory: th.Tensor) -> th.Tensor:
+        """
+        :param memory: (K, state_size)
+        :return: the speaker's part of it
+        """
+        raise NotImplementedError
+
+    def read(self, memory: th.Tensor, encoding: th.Tensor) -> th.Tensor:
+        """
+        :param memory: (K, state_size)
+        :param encoding: (K, message) what the message encoder made of the message
+        :return: (K, features_dim) input of the action head
+        """
+        raise NotImplementedError
+
+    def speak(self, memory: th.Tensor, generator: th.Generator | None = None) -> th.Tensor:
+        """:return: (K, length, vocabulary_size) one-hot message at each frame"""
+        return self.speaker.decoder(self.speaker_memory(memory), generator)
+
+    def message_log_probs(self, memory: th.Tensor) -> th.Tensor:
+        """:return: (K, M) log-probability of each message at each frame"""
+        return self.speaker.decoder.log_probs(self.speaker_memory(memory))
+
+    def latent_of_each_message(self, memory: th.Tensor) -> th.Tensor:
+        """:return: (K, M, features_dim) input of the action head, were each message sent at each frame"""
+        encodings = self.encoder.all()  # (M, message)
+        frames, count = len(memory), len(encodings)
+        latent = self.read(memory.repeat_interleave(count, dim=0), encodings.repeat(frames, 1))
+        return latent.view(frames, count, -1)
+
+
+class Guide(GuideNetwork):
+    """
+    A Learner with a bottleneck between memory and heads: the action head reads the message and nothing else
+    (paper section 3.2). The critic, which reinforcement learning needs and cloning does not, reads the memory.
+
+    :param observation_space: of the level
+    :param size: "compact" or "paper"
+    :param message_length: symbols in a message
+    :param vocabulary_size: different symbols
+    """
+
+    def __init__(
+        self, observation_space: spaces.Dict, size: str = "compact", message_length: int = 2, vocabulary_size: int = 3
+    ) -> None:
+        super().__init__(size, Speaker(observation_space, size, MessageShape(message_length, vocabulary_size)))
+        self.state_size = self.critic_dim = self.speaker.state_size
+        self.features_dim = size_of(size).message
+
+    def remember(self, sequences: Sequences, state: State | None = None) -> tuple[th.Tensor, State]:
+        return self.speaker.remember(sequences, state)
+
+    def speaker_memory(self, memory: th.Tensor) -> th.Tensor:
+        return memory
+
+    def read(self, memory: th.Tensor, encoding: th.Tensor) -> th.Tensor:
+        return encoding
+
+    def latent(self, memory: th.Tensor, generator: th.Generator | None = None) -> Latent:
+        return Latent(self.read(memory, self.encoder(self.speak(memory, generator))), memory)
+
+
+class GuidedLearner(GuideNetwork):
+    """
+    A new Learner and a Guide, a memory each; the heads read the Learner's memory and the message (paper figure 2).
+    The states of both travel as one, the Learner's first.
+
+    :param observation_space: of the level
+    :param size: size of the Learner
+    :param guide_size: size of the Guide
+    :param message_length: symbols in the Guide's messages
+    :param vocabulary_size: different symbols
+    """
+
+    def __init__(
+        self,
+        observation_space: spaces.Dict,
+        size: str = "compact",
+        guide_size: str = "compact",
+        message_length: int = 2,
+        vocabulary_size: int = 3,
+    ) -> None:
+        super().__init__(size, Speaker(observation_space, guide_size, MessageShape(message_length, vocabulary_size)))
+        self.learner = Learner(observation_space, size)
+        self.parts = [self.learner.state_size, self.speaker.state_size]
+        self.state_size = sum(self.parts)
+        self.features_dim = self.critic_dim = self.learner.state_size + size_of(size).message
+
+    def remember(self, sequences: Sequences, state: State | None = None) -> tuple[th.Tensor, State]:
+        learner, (learner_h, learner_c) = self.learner.remember(sequences, self._part(state, 0))
+        speaker, (speaker_h, speaker_c) = self.speaker.remember(sequences, self._part(state, 1))
+        state = th.cat([learner_h, speaker_h], dim=-1), th.cat([learner_c, speaker_c], dim=-1)
+        return th.cat([learner, speaker], dim=-1), state
+
+    def _part(self, state: State | None, part: int) -> State | None:
+        """:return: the Learner's (0) or the speaker's (1) state"""
+        if state is None:
+            return None
+        h, c = (both.split(self.parts, dim=-1)[part].contiguous() for both in state)
+        return h, c
+
+    def speaker_memory(self, memory: th.Tensor) -> th.Tensor:
+        return memory[:, self.parts[0] :]
+
+    def read(self, memory: th.Tensor, encoding: th.Tensor) -> th.Tensor:
+        return th.cat([memory[:, : self.parts[0]], encoding], dim=-1)
+
+    def latent(self, memory: th.Tensor, generator: th.Generator | None = None) -> Latent:
+        latent = self.read(memory, self.encoder(self.speak(memory, generator)))
+        return Latent(latent, latent)

@@ -1,0 +1,69 @@
+"""A Guide that was trained before, as an ingredient of new policies."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch as th
+
+from sb3_guide.policies.folder import Description, read_agent
+
+GUIDES = ("GuidePolicy", "RecurrentGuidePolicy")
+
+
+@dataclass
+class PretrainedGuide:
+    """
+    What a ``GuidedLearnerPolicy`` takes as ``guide``. Only the description is pickled: where SB3 loads a model, the weights
+    come from the model's own zip.
+
+    :param description: class and sizes of the Guide
+    :param weights: of the Guide's speaker, by name; None where another source brings them
+    """
+
+    description: Description
+    weights: dict[str, th.Tensor] | None = field(default=None, repr=False)
+
+    @classmethod
+    def of(cls, guide: "PretrainedGuide | Mapping[str, Any] | str | Path | None") -> "PretrainedGuide":
+        """
+        :param guide: a pretrained Guide already, an agent's folder, or a description as agent.json has it
+        :raises ValueError: if it is not a Guide
+        :raises FileNotFoundError: if it is a path where no agent is
+        """
+        if isinstance(guide, str | Path):
+            return cls.from_folder(guide)
+        if isinstance(guide, Mapping):
+            return cls(Description(**guide))
+        if isinstance(guide, cls):
+            return guide
+        raise ValueError(
+            f"guide={guide!r} is no Guide: a GuidedLearnerPolicy needs a pretrained one, "
+            'such as policy_kwargs={"guide": PretrainedGuide.from_folder("runs/guide")}'
+        )
+
+    @classmethod
+    def from_folder(cls, folder: str | Path) -> "PretrainedGuide":
+        """
+        :param folder: of an agent saved by :func:`~sb3_guide.policies.save_agent`
+        :raises ValueError: if it holds no Guide
+        :raises FileNotFoundError: if it is no agent's folder
+        """
+        description, weights = read_agent(folder)
+        if description.policy not in GUIDES:
+            raise ValueError(f"{folder} holds a {description.policy}: expected one of {', '.join(GUIDES)}")
+        return cls(description, within(weights, "features_extractor.speaker."))
+
+    @property
+    def carries_memory(self) -> bool:
+        """Whether the Guide's memory goes through the episode; it remembers windows otherwise."""
+        return self.description.policy == "RecurrentGuidePolicy"
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"description": self.description, "weights": None}
+
+
+def within(weights: dict[str, th.Tensor], prefix: str) -> dict[str, th.Tensor]:
+    """:return: the weights below a prefix, without it"""
+    return {name.removeprefix(prefix): weight for name, weight in weights.items() if name.startswith(prefix)}

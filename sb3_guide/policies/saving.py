@@ -1,0 +1,102 @@
+"""Agents to disk and back, without pickle."""
+
+import inspect
+from pathlib import Path
+from typing import Any
+
+import torch as th
+from gymnasium import spaces
+from torch import nn
+
+from sb3_guide.envs import ACTIONS, observation_space
+from sb3_guide.policies.base import AgentPolicy
+from sb3_guide.policies.folder import Description, package_versions, read_agent, write_agent
+from sb3_guide.policies.recurrent import RecurrentGuidedLearnerPolicy, RecurrentGuidePolicy, RecurrentLearnerPolicy
+from sb3_guide.policies.window import GuidedLearnerPolicy, GuidePolicy, LearnerPolicy
+
+POLICIES: dict[str, type[AgentPolicy]] = {
+    policy.__name__: policy
+    for policy in (
+        LearnerPolicy,
+        GuidePolicy,
+        GuidedLearnerPolicy,
+        RecurrentLearnerPolicy,
+        RecurrentGuidePolicy,
+        RecurrentGuidedLearnerPolicy,
+    )
+}
+ALIASES = ("pi_features_extractor.", "vf_features_extractor.")  # SB3's second and third name of the features extractor
+
+
+def weights_of(policy: AgentPolicy) -> dict[str, th.Tensor]:
+    """:return: every weight of a policy once, by name"""
+    return {name: weight for name, weight in policy.state_dict().items() if not name.startswith(ALIASES)}
+
+
+def load_weights(policy: AgentPolicy, weights: dict[str, th.Tensor]) -> None:
+    """
+    :param policy: to be changed
+    :param weights: as :func:`weights_of` returns them
+    :raises RuntimeError: if names or shapes are not the policy's
+    """
+    for name, module in policy.named_children():
+        if f"{name}." not in ALIASES:
+            module.load_state_dict({k.removeprefix(f"{name}."): w for k, w in weights.items() if k.startswith(f"{name}.")})
+
+
+def save_agent(policy: AgentPolicy, folder: str | Path, level: str | None = None) -> None:
+    """
+    Write an agent's folder: network.safetensors and agent.json.
+
+    :param policy: one of this package's
+    :param folder: made if need be; an agent that is there is replaced
+    :param level: where the agent was trained, for the record
+    """
+    history = policy.observation_space.spaces.get("history")  # type: ignore[attr-defined]
+    kwargs: dict[str, Any] = {
+        **policy.agent_kwargs,
+        "net_arch": policy.net_arch,
+        "activation_fn": policy.activation_fn.__name__,
+    }
+    description = Description(
+        type(policy).__name__, kwargs, 0 if history is None else history.shape[0], level, package_versions()
+    )
+    write_agent(folder, description, weights_of(policy))
+
+
+def load_agent(folder: str | Path, kind: type[AgentPolicy] | None = None) -> AgentPolicy:
+    """
+    Build the policy that an agent's folder describes. Nothing in the folder can execute code.
+
+    :param folder: written by :func:`save_agent`
+    :param kind: class that the policy must be of; None takes any
+    :raises FileNotFoundError: if the folder is no agent's
+    :raises ValueError: if its files are damaged, or describe another kind of agent
+    """
+    description, weights = read_agent(folder)
+    policy_class = POLICIES.get(description.policy)
+    expected = [name for name, policy in POLICIES.items() if kind is None or issubclass(policy, kind)]
+    if policy_class is None or description.policy not in expected:
+        raise ValueError(f"{folder} holds a {description.policy}: expected one of {', '.join(expected)}")
+    try:
+        policy = build(policy_class, description)
+        load_weights(policy, weights)
+    except (AttributeError, KeyError, RuntimeError, TypeError) as error:
+        raise ValueError(f"{folder} is damaged: its weights and its description don't fit ({error})") from error
+    policy.set_training_mode(False)
+    return policy
+
+
+def build(policy_class: type[AgentPolicy], description: Description) -> AgentPolicy:
+    """:return: the policy with fresh weights"""
+    kwargs = dict(description.kwargs)
+    activation = getattr(nn, kwargs.pop("activation_fn"))
+    if not (inspect.isclass(activation) and issubclass(activation, nn.Module)):
+        raise TypeError(f"{activation} is no activation function")
+    return policy_class(
+        observation_space(description.history),
+        spaces.Discrete(len(ACTIONS)),
+        lambda _: 0.0,
+        activation_fn=activation,
+        **kwargs,
+    )
