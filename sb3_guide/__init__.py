@@ -1,0 +1,13 @@
+"""
+Agents that guide each other by emergent language, as an extension of Stable-Baselines3.
+
+Importing this package registers the levels in Gymnasium and the policies' names in PPO, A2C and RecurrentPPO.
+"""
+
+from importlib.metadata import version
+
+from sb3_guide.envs import GuideGridVecEnv
+from sb3_guide.policies import PretrainedGuide, load_agent, save_agent
+
+__version__ = version("sb3-guide")
+__all__ = ["GuideGridVecEnv", "PretrainedGuide", "load_agent", "save_agent"]

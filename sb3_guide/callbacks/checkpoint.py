@@ -1,0 +1,156 @@
+"""Training that survives being killed: everything that the next step depends on, in one file."""
+
+import os
+import random
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch as th
+from sb3_contrib.common.recurrent.type_aliases import RNNStates
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+from stable_baselines3.common.vec_env import VecMonitor
+
+from sb3_guide.callbacks.success import SuccessRateCallback
+
+COUNTERS = ("num_timesteps", "_episode_num", "_n_updates", "_current_progress_remaining")
+
+
+class TrainingCheckpoint(BaseCallback):
+    """
+    Save the state of an on-policy training before a rollout starts, such that :func:`restore_training` goes on as if nothing
+    had happened. The file is written atomically: the last good one is always there.
+
+    :param path: of the file
+    :param success_rate: the callback whose window belongs to the state; None if there is none
+    :param every_n_rollouts: save before one rollout in so many
+    :param verbose: as in SB3
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        success_rate: SuccessRateCallback | None = None,
+        every_n_rollouts: int = 10,
+        verbose: int = 0,
+    ) -> None:
+        super().__init__(verbose)
+        self.path = Path(path)
+        self.success_rate = success_rate
+        self.every_n_rollouts = every_n_rollouts
+        self.n_rollouts = 0
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_start(self) -> None:
+        if self.n_rollouts % self.every_n_rollouts == 0 and self.n_rollouts:
+            successes = [] if self.success_rate is None else list(self.success_rate.successes)
+            save_state(self.path, {**training_state(self.model), "success_rate": successes})  # type: ignore[arg-type]
+        self.n_rollouts += 1
+
+
+def save_state(path: Path, state: dict[str, Any]) -> None:
+    """
+    Write tensors and plain values atomically, in a form that loading can't execute.
+
+    :param path: of the file; its folder is made if need be
+    :param state: dicts, lists, tuples, numbers, strings and tensors only
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f"{path.name}.partial")
+    th.save(state, partial)
+    os.replace(partial, path)
+
+
+def load_state(path: Path) -> dict[str, Any]:
+    """
+    :param path: of a file that :func:`save_state` wrote
+    :raises ValueError: if it is damaged
+    """
+    try:
+        return th.load(path, weights_only=True)
+    except Exception as error:  # noqa: BLE001  # torch raises whatever the damaged place makes it raise
+        raise ValueError(f"checkpoint {path} is damaged ({error}): delete it to start anew") from error
+
+
+def training_state(model: OnPolicyAlgorithm) -> dict[str, Any]:
+    """
+    :param model: between two rollouts, in environments with ``get_state`` such as GuideGridVecEnv's
+    :return: weights, optimiser, counters, random streams, last observations, worlds and statistics
+    """
+    assert model.env is not None
+    assert model._last_obs is not None
+    monitor = model.env if isinstance(model.env, VecMonitor) else None
+    lstm = getattr(model, "_last_lstm_states", None)
+    return {
+        "policy": model.policy.state_dict(),
+        "optimizer": model.policy.optimizer.state_dict(),
+        "counters": {name: getattr(model, name) for name in COUNTERS},
+        "random": random_streams(),
+        "last_obs": tensors(model._last_obs),  # type: ignore[arg-type]
+        "last_episode_starts": th.as_tensor(model._last_episode_starts),
+        "last_lstm_states": None if lstm is None else [list(lstm.pi), list(lstm.vf)],
+        "worlds": tensors(model.env.get_state()),  # type: ignore[attr-defined]
+        "monitor": None if monitor is None else tensors({name: getattr(monitor, name) for name in MONITORED}),
+        "episodes": [{name: float(value) for name, value in info.items()} for info in model.ep_info_buffer or ()],
+        "successes": [bool(success) for success in model.ep_success_buffer or ()],
+    }
+
+
+MONITORED = ("episode_returns", "episode_lengths")
+
+
+def restore_training(model: OnPolicyAlgorithm, state: dict[str, Any]) -> None:
+    """
+    :param model: built with the arguments and the environments of the one that was saved
+    :param state: as :func:`training_state` returned it; ``model.learn(rest, reset_num_timesteps=False)`` goes on from there
+    """
+    assert model.env is not None
+    model.policy.load_state_dict(state["policy"])
+    model.policy.optimizer.load_state_dict(state["optimizer"])
+    for name, value in state["counters"].items():
+        setattr(model, name, value)
+    model._last_obs = arrays(state["last_obs"])
+    model._last_episode_starts = state["last_episode_starts"].numpy()
+    if state["last_lstm_states"] is not None:
+        model._last_lstm_states = RNNStates(*(tuple(half) for half in state["last_lstm_states"]))  # type: ignore[attr-defined]
+    model.env.set_state(arrays(state["worlds"]))  # type: ignore[attr-defined]
+    if state["monitor"] is not None:
+        for name, value in arrays(state["monitor"]).items():
+            setattr(model.env, name, value)
+    model.ep_info_buffer = deque(state["episodes"], maxlen=model._stats_window_size)
+    model.ep_success_buffer = deque(state["successes"], maxlen=model._stats_window_size)
+    restore_random_streams(state["random"])
+
+
+def random_streams() -> dict[str, Any]:
+    """:return: states of torch's, numpy's and Python's global generators"""
+    _, keys, position, has_gauss, gauss = np.random.get_state()
+    return {
+        "torch": th.get_rng_state(),
+        "numpy": (th.as_tensor(keys.astype(np.int64)), position, has_gauss, gauss),
+        "python": random.getstate(),
+    }
+
+
+def restore_random_streams(state: dict[str, Any]) -> None:
+    """
+    :param state: as :func:`random_streams` returned it
+    """
+    keys, position, has_gauss, gauss = state["numpy"]
+    th.set_rng_state(state["torch"])
+    np.random.set_state(("MT19937", keys.numpy().astype(np.uint32), position, has_gauss, gauss))
+    random.setstate(state["python"])
+
+
+def tensors(parts: dict[str, np.ndarray]) -> dict[str, th.Tensor]:
+    """:return: the same as tensors"""
+    return {name: th.as_tensor(part) for name, part in parts.items()}
+
+
+def arrays(parts: dict[str, th.Tensor]) -> dict[str, np.ndarray]:
+    """:return: the same as arrays"""
+    return {name: part.numpy() for name, part in parts.items()}

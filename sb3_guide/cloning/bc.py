@@ -1,0 +1,129 @@
+"""Behavioural cloning of whole episodes with imitation's BC."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch as th
+from imitation.algorithms import bc
+from imitation.data.types import DictObs
+from imitation.util import logger as imitation_logger
+
+from sb3_guide.cloning.demonstrations import Demonstrations, check_space
+from sb3_guide.cloning.episodes import Episodes
+from sb3_guide.policies import AgentPolicy
+from sb3_guide.policies.sequences import Sequences
+
+
+class EpisodeLoader:
+    """
+    Batches for BC, in which a row is an episode, padded at its end to the longest of the batch. The order of the episodes is
+    a function of seed and epoch. Episodes that fill no batch wait for another epoch, where chance decides anew.
+
+    :param episodes: to be cloned
+    :param batch_size: episodes in a batch
+    :param seed: of the order
+    :raises ValueError: if there are fewer episodes than a batch needs
+    """
+
+    def __init__(self, episodes: Episodes, batch_size: int, seed: int) -> None:
+        if not 1 <= batch_size <= len(episodes):
+            raise ValueError(f"batch_size={batch_size}: expected 1 to {len(episodes)}, the number of demonstrations")
+        self.episodes = episodes
+        self.batch_size = batch_size
+        self.seed = seed
+        self.epoch = 0  # the one that is read next; whoever trains counts it up
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        order = np.random.default_rng([self.seed, self.epoch]).permutation(len(self.episodes))
+        for start in range(0, len(order) - self.batch_size + 1, self.batch_size):
+            yield self._batch(self.episodes.select(order[start : start + self.batch_size]))
+
+    def _batch(self, chosen: Episodes) -> dict[str, Any]:
+        """:return: images (B, T, 7, 7, 3), missions (B, 72), lengths (B,) and actions (B, T) of B episodes"""
+        valid = np.arange(chosen.lengths.max()) < chosen.lengths[:, None]  # (B, T)
+        images = np.zeros((*valid.shape, *chosen.images.shape[1:]), dtype=np.uint8)
+        actions = np.zeros(valid.shape, dtype=np.int64)
+        images[valid] = chosen.images
+        actions[valid] = chosen.actions
+        return {"obs": DictObs({"image": images, "mission": chosen.missions, "length": chosen.lengths}), "acts": actions}
+
+
+@dataclass(frozen=True)
+class EpisodeLoss:
+    """
+    BC's loss over whole episodes: the mean over frames of the negative log-likelihood, less the weighted entropy. Memory
+    starts from nothing at the start of each episode and gradients go back all the way. Messages are sampled.
+
+    :param ent_weight: weight of the entropy of the actions
+    :param generator: of the messages' noise
+    """
+
+    ent_weight: float
+    generator: th.Generator
+
+    def __call__(self, policy: AgentPolicy, obs: Mapping[str, th.Tensor], acts: th.Tensor) -> bc.BCTrainingMetrics:
+        """
+        :param policy: with carried memory
+        :param obs: "image" (B, T, 7, 7, 3), "mission" (B, 72) and "length" (B,)
+        :param acts: (B, T)
+        """
+        valid = th.arange(acts.shape[1], device=acts.device) < obs["length"].unsqueeze(1)
+        memory, _ = policy.network.remember(Sequences(obs["image"][valid], obs["mission"], obs["length"]))
+        distribution = policy.action_distribution(policy.network.latent(memory, self.generator))
+        log_prob = distribution.log_prob(acts[valid])
+        entropy = distribution.entropy().mean()
+        neglogp = -log_prob.mean()
+        none = th.zeros(())
+        return bc.BCTrainingMetrics(
+            neglogp=neglogp,
+            entropy=entropy,
+            ent_loss=-self.ent_weight * entropy,
+            prob_true_act=log_prob.exp().mean(),
+            l2_norm=none,
+            l2_loss=none,
+            loss=neglogp - self.ent_weight * entropy,
+        )
+
+
+def episode_bc(
+    policy: AgentPolicy,
+    demonstrations: Demonstrations,
+    *,
+    batch_size: int,
+    learning_rate: float,
+    ent_weight: float,
+    seed: int,
+    logger: imitation_logger.HierarchicalLogger | None = None,
+) -> tuple[bc.BC, EpisodeLoader]:
+    """
+    imitation's BC, set up to clone whole episodes (paper section 3.3).
+
+    :param policy: with carried memory; it is trained in place
+    :param demonstrations: of a level with the policy's observation space
+    :param batch_size: episodes in a batch
+    :param learning_rate: of Adam, whose other settings are the paper's (Table A.2)
+    :param ent_weight: weight of the entropy of the actions
+    :param seed: of the order of the episodes and of the messages' noise
+    :param logger: imitation's; None makes a new one
+    :return: the algorithm and its loader, whose ``epoch`` is to be counted up after each epoch
+    :raises ValueError: if the demonstrations are of another observation space or fewer than a batch, or the memory is a window
+    """
+    if not policy.carries_memory:
+        raise ValueError(f"{type(policy).__name__} remembers windows: expected Recurrent{type(policy).__name__} to clone episodes")
+    check_space(demonstrations, policy.observation_space)  # type: ignore[arg-type]
+    loader = EpisodeLoader(demonstrations.episodes, batch_size, seed)
+    algorithm = bc.BC(
+        observation_space=policy.observation_space,
+        action_space=policy.action_space,
+        rng=np.random.default_rng(seed),
+        policy=policy,
+        demonstrations=loader,
+        batch_size=batch_size,
+        optimizer_kwargs={"lr": learning_rate, "eps": 1e-5},
+        custom_logger=logger,
+    )
+    algorithm.loss_calculator = EpisodeLoss(ent_weight, th.Generator().manual_seed(seed))
+    policy.set_training_mode(True)
+    return algorithm, loader

@@ -1,0 +1,78 @@
+"""
+How much a message moves its hearer: Causal Influence of Communication (Lowe et al. 2019) and what it must be read with.
+
+All take log-probabilities and return one value a frame, in nats; averages over frames are the caller's. Notation: N frames,
+M messages, A actions, pi_G(m|o) the Guide, pi_L(a|o,m) the Learner with its memory held.
+"""
+
+import math
+
+import torch as th
+
+
+def cic(message_log_probs: th.Tensor, action_log_probs: th.Tensor) -> th.Tensor:
+    """
+    Causal Influence of Communication of each frame (paper section 5.3): the mutual information of action and message, were
+    the message drawn from the Guide. It lies between 0 and the smaller of the message entropy and log A, so a Guide that is
+    certain of its message has none, however well it is obeyed: read it with :func:`message_entropy` and :func:`uniform_cic`.
+
+    :param message_log_probs: (N, M) log pi_G(m|o)
+    :param action_log_probs: (N, M, A) log pi_L(a|o,m)
+    :return: (N,)
+    :raises ValueError: if the shapes don't fit
+    """
+    check_shapes(message_log_probs, action_log_probs)
+    joint = message_log_probs.unsqueeze(-1) + action_log_probs  # log p(a, m), (N, M, A)
+    marginal = joint.logsumexp(dim=1, keepdim=True)  # log p(a), (N, 1, A)
+    return expectation(joint, action_log_probs - marginal).sum(dim=(1, 2))
+
+
+def uniform_cic(action_log_probs: th.Tensor) -> th.Tensor:
+    """
+    CIC, were every message equally probable: how much the Learner listens, whatever the Guide would say.
+
+    :param action_log_probs: (N, M, A) log pi_L(a|o,m)
+    :return: (N,)
+    :raises ValueError: if the shape is another
+    """
+    if action_log_probs.dim() != 3:
+        raise ValueError(f"action_log_probs has shape {tuple(action_log_probs.shape)}: expected (frames, messages, actions)")
+    frames, messages, _ = action_log_probs.shape
+    return cic(action_log_probs.new_full((frames, messages), -math.log(messages)), action_log_probs)
+
+
+def message_entropy(message_log_probs: th.Tensor) -> th.Tensor:
+    """
+    How uncertain the Guide is of its message.
+
+    :param message_log_probs: (N, M) log pi_G(m|o)
+    :return: (N,)
+    """
+    return -expectation(message_log_probs, message_log_probs).sum(dim=1)
+
+
+def positive_signalling(message_log_probs: th.Tensor) -> float:
+    """
+    Mutual information of message and observation, H(E pi_G) - E H(pi_G): whether what the Guide says depends on what it sees.
+
+    :param message_log_probs: (N, M) log pi_G(m|o)
+    :return: nats, over all frames
+    """
+    marginal = message_log_probs.logsumexp(dim=0, keepdim=True) - math.log(len(message_log_probs))
+    return float(message_entropy(marginal) - message_entropy(message_log_probs).mean())
+
+
+def expectation(log_probs: th.Tensor, values: th.Tensor) -> th.Tensor:
+    """:return: p * values, and 0 where p is 0, even where the value is infinite or undefined there"""
+    return th.where(log_probs.isneginf(), 0.0, log_probs.exp() * values)
+
+
+def check_shapes(message_log_probs: th.Tensor, action_log_probs: th.Tensor) -> None:
+    """
+    :raises ValueError: unless the shapes are (N, M) and (N, M, A), with at least one frame
+    """
+    if action_log_probs.dim() != 3 or message_log_probs.shape != action_log_probs.shape[:2] or not len(message_log_probs):
+        raise ValueError(
+            f"message_log_probs has shape {tuple(message_log_probs.shape)} and action_log_probs "
+            f"{tuple(action_log_probs.shape)}: expected (frames, messages) and (frames, messages, actions), at least one frame"
+        )

@@ -1,0 +1,89 @@
+"""CIC and its companions on values worked out by hand."""
+
+import math
+
+import pytest
+import torch as th
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sb3_guide.metrics import cic, message_entropy, positive_signalling, uniform_cic
+
+CERTAIN_OF_FIRST = th.tensor([[1.0, 0.0, 0.0]]).log()
+UNIFORM = th.full((1, 3), 1 / 3).log()
+OBEYS = th.eye(3).unsqueeze(0).log()  # message m is always followed by action m
+
+
+def test_a_learner_that_ignores_messages_has_no_cic():
+    deaf = th.tensor([0.5, 0.3, 0.2]).log().expand(1, 3, 3)
+    assert cic(UNIFORM, deaf).item() == pytest.approx(0.0, abs=1e-7)
+    assert uniform_cic(deaf).item() == pytest.approx(0.0, abs=1e-7)
+
+
+def test_perfect_obedience_to_uniform_messages_is_log_of_their_number():
+    assert cic(UNIFORM, OBEYS).item() == pytest.approx(math.log(3))
+
+
+def test_cic_is_capped_by_the_number_of_actions():
+    two_actions = th.tensor([[[1.0, 0.0], [0.0, 1.0], [0.5, 0.5]]]).log()
+    # I(A; M) = H(A) - H(A|M) = log 2 - (1/3) log 2
+    assert cic(UNIFORM, two_actions).item() == pytest.approx(2 / 3 * math.log(2))
+
+
+def test_a_guide_that_is_certain_has_no_cic_under_perfect_obedience():
+    assert cic(CERTAIN_OF_FIRST, OBEYS).item() == 0.0
+    assert uniform_cic(OBEYS).item() == pytest.approx(math.log(3))
+
+
+def test_worked_example_with_unequal_messages():
+    message = th.tensor([[0.25, 0.75]]).log()
+    action = th.tensor([[[0.8, 0.2], [0.4, 0.6]]]).log()
+    # p(a) = (0.25 * 0.8 + 0.75 * 0.4, 0.25 * 0.2 + 0.75 * 0.6) = (0.5, 0.5)
+    expected = (
+        0.25 * (0.8 * math.log(0.8 / 0.5) + 0.2 * math.log(0.2 / 0.5))
+        + 0.75 * (0.4 * math.log(0.4 / 0.5) + 0.6 * math.log(0.6 / 0.5))
+    )  # fmt: skip
+    assert cic(message, action).item() == pytest.approx(expected, rel=1e-5)
+
+
+def test_each_frame_has_its_own_value():
+    both = cic(th.cat([UNIFORM, CERTAIN_OF_FIRST]), OBEYS.expand(2, 3, 3))
+    assert both.tolist() == pytest.approx([math.log(3), 0.0])
+
+
+def test_message_entropy():
+    assert message_entropy(th.cat([UNIFORM, CERTAIN_OF_FIRST])).tolist() == pytest.approx([math.log(3), 0.0])
+
+
+def test_positive_signalling_is_what_messages_tell_of_observations():
+    one_message_each = th.eye(3).log()
+    assert positive_signalling(one_message_each) == pytest.approx(math.log(3))
+    assert positive_signalling(UNIFORM.expand(5, 3)) == pytest.approx(0.0, abs=1e-6)
+    assert positive_signalling(CERTAIN_OF_FIRST.expand(5, 3)) == pytest.approx(0.0, abs=1e-6)
+
+
+@given(seed=st.integers(0, 10_000), messages=st.integers(2, 9), actions=st.integers(2, 7), sharpness=st.floats(0, 200))
+def test_cic_lies_between_zero_and_its_bounds(seed, messages, actions, sharpness):
+    generator = th.Generator().manual_seed(seed)
+    guide = (th.randn(4, messages, generator=generator) * sharpness).log_softmax(-1)
+    learner = (th.randn(4, messages, actions, generator=generator) * sharpness).log_softmax(-1)
+    value = cic(guide, learner)
+    assert value.isfinite().all()
+    assert (value > -1e-4).all()
+    assert (value <= message_entropy(guide).clamp(max=math.log(actions)) + 1e-4).all()
+
+
+@pytest.mark.parametrize("shape", [(2, 3), (3, 3, 3), (2, 4, 3)])
+def test_shapes_that_do_not_fit_are_refused(shape):
+    with pytest.raises(ValueError, match=r"message_log_probs has shape \(2, 3\).*expected \(frames, messages\)"):
+        cic(th.zeros(2, 3), th.zeros(shape))
+
+
+def test_no_frames_are_refused():
+    with pytest.raises(ValueError, match="at least one frame"):
+        cic(th.zeros(0, 3), th.zeros(0, 3, 2))
+
+
+def test_uniform_cic_refuses_other_shapes():
+    with pytest.raises(ValueError, match=r"shape \(2, 3\): expected \(frames, messages, actions\)"):
+        uniform_cic(th.zeros(2, 3))
