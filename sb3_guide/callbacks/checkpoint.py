@@ -3,6 +3,7 @@
 import os
 import random
 from collections import deque
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ class TrainingCheckpoint(BaseCallback):
 
     :param path: of the file
     :param success_rate: the callback whose window belongs to the state; None if there is none
+    :param extra: called at each save for what else is to be kept: plain values and tensors
     :param every_n_rollouts: save before one rollout in so many
     :param verbose: as in SB3
     """
@@ -33,12 +35,14 @@ class TrainingCheckpoint(BaseCallback):
         self,
         path: str | Path,
         success_rate: SuccessRateCallback | None = None,
+        extra: Callable[[], dict[str, Any]] = dict,
         every_n_rollouts: int = 10,
         verbose: int = 0,
     ) -> None:
         super().__init__(verbose)
         self.path = Path(path)
         self.success_rate = success_rate
+        self.extra = extra
         self.every_n_rollouts = every_n_rollouts
         self.n_rollouts = 0
 
@@ -48,7 +52,8 @@ class TrainingCheckpoint(BaseCallback):
     def _on_rollout_start(self) -> None:
         if self.n_rollouts % self.every_n_rollouts == 0 and self.n_rollouts:
             successes = [] if self.success_rate is None else list(self.success_rate.successes)
-            save_state(self.path, {**training_state(self.model), "success_rate": successes})  # type: ignore[arg-type]
+            state = training_state(self.model)  # type: ignore[arg-type]
+            save_state(self.path, {**state, "success_rate": successes, **self.extra()})
         self.n_rollouts += 1
 
 
@@ -72,7 +77,7 @@ def load_state(path: Path) -> dict[str, Any]:
     """
     try:
         return th.load(path, weights_only=True)
-    except Exception as error:  # noqa: BLE001  # torch raises whatever the damaged place makes it raise
+    except Exception as error:  # torch raises whatever the damaged place makes it raise
         raise ValueError(f"checkpoint {path} is damaged ({error}): delete it to start anew") from error
 
 
@@ -127,23 +132,25 @@ def restore_training(model: OnPolicyAlgorithm, state: dict[str, Any]) -> None:
 
 
 def random_streams() -> dict[str, Any]:
-    """:return: states of torch's, numpy's and Python's global generators"""
-    _, keys, position, has_gauss, gauss = np.random.get_state()
+    """:return: states of torch's, numpy's and Python's global generators, which SB3 draws from"""
+    of_numpy = np.random.get_state(legacy=False)  # noqa: NPY002
+    assert isinstance(of_numpy, dict)
+    key = th.as_tensor(of_numpy["state"]["key"])
     return {
         "torch": th.get_rng_state(),
-        "numpy": (th.as_tensor(keys.astype(np.int64)), position, has_gauss, gauss),
+        "numpy": {**of_numpy, "state": {**of_numpy["state"], "key": key}},
         "python": random.getstate(),
     }
 
 
-def restore_random_streams(state: dict[str, Any]) -> None:
+def restore_random_streams(streams: dict[str, Any]) -> None:
     """
-    :param state: as :func:`random_streams` returned it
+    :param streams: as :func:`random_streams` returned them
     """
-    keys, position, has_gauss, gauss = state["numpy"]
-    th.set_rng_state(state["torch"])
-    np.random.set_state(("MT19937", keys.numpy().astype(np.uint32), position, has_gauss, gauss))
-    random.setstate(state["python"])
+    th.set_rng_state(streams["torch"])
+    of_numpy = streams["numpy"]
+    np.random.set_state({**of_numpy, "state": {**of_numpy["state"], "key": of_numpy["state"]["key"].numpy()}})  # noqa: NPY002
+    random.setstate(streams["python"])
 
 
 def tensors(parts: dict[str, np.ndarray]) -> dict[str, th.Tensor]:

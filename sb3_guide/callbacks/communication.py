@@ -20,7 +20,7 @@ def measure_communication(policy: AgentPolicy, memory: th.Tensor) -> dict[str, f
     :param policy: with a channel
     :param memory: (K, state_size) of its network at K frames
     :return: "cic", "uniform_cic" and "message_entropy", in nats
-    :raises TypeError: if the policy has no channel
+    :raises ValueError: if the policy has no channel
     """
     totals = {"cic": 0.0, "uniform_cic": 0.0, "message_entropy": 0.0}
     with th.no_grad():
@@ -56,7 +56,7 @@ class CICCallback(BaseCallback):
     def _init_callback(self) -> None:
         policy = self.model.policy
         if not (isinstance(self.model, OnPolicyAlgorithm) and isinstance(policy, AgentPolicy)):
-            raise TypeError(
+            raise ValueError(
                 f"CICCallback can't measure {type(policy).__name__} in {type(self.model).__name__}: expected an on-policy "
                 "algorithm with GuidePolicy or GuidedLearnerPolicy"
             )

@@ -72,18 +72,18 @@ class EpisodeLoss:
         valid = th.arange(acts.shape[1], device=acts.device) < obs["length"].unsqueeze(1)
         memory, _ = policy.network.remember(Sequences(obs["image"][valid], obs["mission"], obs["length"]))
         distribution = policy.action_distribution(policy.network.latent(memory, self.generator))
-        log_prob = distribution.log_prob(acts[valid])
-        entropy = distribution.entropy().mean()
-        neglogp = -log_prob.mean()
+        log_prob, entropy = distribution.log_prob(acts[valid]), distribution.entropy()
+        assert entropy is not None  # of a categorical distribution
+        neglogp, mean_entropy = -log_prob.mean(), entropy.mean()
         none = th.zeros(())
         return bc.BCTrainingMetrics(
             neglogp=neglogp,
-            entropy=entropy,
-            ent_loss=-self.ent_weight * entropy,
+            entropy=mean_entropy,
+            ent_loss=-self.ent_weight * mean_entropy,
             prob_true_act=log_prob.exp().mean(),
             l2_norm=none,
             l2_loss=none,
-            loss=neglogp - self.ent_weight * entropy,
+            loss=neglogp - self.ent_weight * mean_entropy,
         )
 
 
@@ -111,7 +111,9 @@ def episode_bc(
     :raises ValueError: if the demonstrations are of another observation space or fewer than a batch, or the memory is a window
     """
     if not policy.carries_memory:
-        raise ValueError(f"{type(policy).__name__} remembers windows: expected Recurrent{type(policy).__name__} to clone episodes")
+        raise ValueError(
+            f"{type(policy).__name__} remembers windows: expected Recurrent{type(policy).__name__} to clone episodes"
+        )
     check_space(demonstrations, policy.observation_space)  # type: ignore[arg-type]
     loader = EpisodeLoader(demonstrations.episodes, batch_size, seed)
     algorithm = bc.BC(

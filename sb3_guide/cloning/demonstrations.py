@@ -35,7 +35,9 @@ class Demonstrations:
     def __post_init__(self) -> None:
         failed = len(self.episodes) - int(self.episodes.successes.sum())
         if not len(self.episodes) or failed:
-            raise ValueError(f"{len(self.episodes)} episodes, {failed} of them failed: expected at least one, and successful ones only")
+            raise ValueError(
+                f"{len(self.episodes)} episodes, {failed} of them failed: expected at least one, and successful ones only"
+            )
 
 
 def checksum(episodes: Episodes) -> str:

@@ -2,13 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch as th
 from stable_baselines3.common.policies import BasePolicy
 
 from sb3_guide.envs import GuideGridVecEnv, level_of
-from sb3_guide.policies.sequences import Sequences
+from sb3_guide.policies.sequences import Sequences, history_of
 
 WORLDS = 1024  # episodes that are played side by side
 
@@ -114,11 +115,12 @@ def play(
 
 def play_together(policy: BasePolicy, level: str, seeds: np.ndarray, on_progress: Callable[[int], object]) -> Episodes:
     """As :func:`play`, all missions side by side; worlds that are done are stepped along but no longer looked at."""
-    history = policy.observation_space.spaces.get("history")  # type: ignore[attr-defined]
-    venv = GuideGridVecEnv(level_of(level).env_id, len(seeds), history=0 if history is None else history.shape[0])
+    venv = GuideGridVecEnv(level_of(level).env_id, len(seeds), history=history_of(policy.observation_space))
     if policy.observation_space != venv.observation_space:
-        raise ValueError(f"the agent's observation space is not {level}'s: {policy.observation_space}, {venv.observation_space}")
-    obs = venv.reset_to(seeds)
+        raise ValueError(
+            f"the agent's observation space is not {level}'s: {policy.observation_space}, {venv.observation_space}"
+        )
+    obs: Any = venv.reset_to(seeds)
     missions, returns = obs["mission"].copy(), np.zeros(len(seeds))
     active, state = np.arange(len(seeds)), None
     worlds, images, actions = [], [], []

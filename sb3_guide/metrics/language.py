@@ -1,4 +1,4 @@
-"""What messages go together with, from counts. These are correlations; for causes see :mod:`sb3_guide.metrics.communication`."""
+"""What messages go together with, from counts: correlations, where :mod:`sb3_guide.metrics.communication` asks for causes."""
 
 import numpy as np
 
@@ -17,7 +17,7 @@ def message_action_counts(messages: np.ndarray, actions: np.ndarray, n_messages:
     if messages.shape != actions.shape or messages.ndim != 1:
         raise ValueError(f"messages {messages.shape} and actions {actions.shape} differ: expected one of each a frame")
     for name, values, count in (("messages", messages, n_messages), ("actions", actions, n_actions)):
-        if values.size and not (0 <= values.min() and values.max() < count):
+        if values.size and (values.min() < 0 or values.max() >= count):
             raise ValueError(f"{name} range from {values.min()} to {values.max()}: expected 0 to {count - 1}")
     return np.bincount(messages.astype(np.int64) * n_actions + actions, minlength=n_messages * n_actions).reshape(
         n_messages, n_actions

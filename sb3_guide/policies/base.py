@@ -121,10 +121,10 @@ class AgentPolicy(ActorCriticPolicy):
         """
         The network of an agent with a channel.
 
-        :raises TypeError: if the agent has none
+        :raises ValueError: if the agent has none
         """
         if not isinstance(self.network, GuideNetwork):
-            raise TypeError(f"{type(self).__name__} sends no messages: expected a GuidePolicy or a GuidedLearnerPolicy")
+            raise ValueError(f"{type(self).__name__} sends no messages: expected a GuidePolicy or a GuidedLearnerPolicy")
         return self.network
 
     def message_log_probs(self, obs: Observations, state: State | None = None) -> th.Tensor:
@@ -132,7 +132,7 @@ class AgentPolicy(ActorCriticPolicy):
         :param obs: of B worlds
         :param state: see :meth:`memory`
         :return: (B, M) log-probability that the Guide sends each message
-        :raises TypeError: if the agent has no channel
+        :raises ValueError: if the agent has no channel
         """
         return self.channel.message_log_probs(self.memory(obs, state))
 
@@ -141,7 +141,7 @@ class AgentPolicy(ActorCriticPolicy):
         :param obs: of B worlds
         :param state: see :meth:`memory`
         :return: (B, M, A) log-probability of each action, were each message sent and the memory as it is
-        :raises TypeError: if the agent has no channel
+        :raises ValueError: if the agent has no channel
         """
         return self.listen(self.memory(obs, state))
 

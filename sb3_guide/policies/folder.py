@@ -69,6 +69,17 @@ def write_json(path: Path, content: Any) -> None:
     os.replace(partial, path)
 
 
+def read_json(path: Path) -> Any:
+    """
+    :param path: of a JSON file
+    :raises ValueError: if it is none
+    """
+    try:
+        return json.loads(path.read_text())
+    except ValueError as error:
+        raise ValueError(f"{path} is no JSON: {error}") from error
+
+
 def read_agent(folder: str | Path) -> tuple[Description, dict[str, th.Tensor]]:
     """
     Read both files; nothing in them can execute code.
@@ -83,9 +94,8 @@ def read_agent(folder: str | Path) -> tuple[Description, dict[str, th.Tensor]]:
         if not (folder / name).is_file():
             raise FileNotFoundError(f"{folder} is no agent's folder, as it lacks {name}: expected one made by save_agent")
     try:
-        content = json.loads((folder / AGENT).read_text())
-        description = Description(**content)
-    except (ValueError, TypeError) as error:
+        description = Description(**read_json(folder / AGENT))
+    except TypeError as error:
         raise ValueError(f"{folder / AGENT} does not describe an agent: {error}") from error
     if description.format != FORMAT:
         raise ValueError(f"{folder} has format {description.format}: expected {FORMAT}; save the agent anew with this version")

@@ -12,6 +12,7 @@ from sb3_guide.envs import ACTIONS, observation_space
 from sb3_guide.policies.base import AgentPolicy
 from sb3_guide.policies.folder import Description, package_versions, read_agent, write_agent
 from sb3_guide.policies.recurrent import RecurrentGuidedLearnerPolicy, RecurrentGuidePolicy, RecurrentLearnerPolicy
+from sb3_guide.policies.sequences import history_of
 from sb3_guide.policies.window import GuidedLearnerPolicy, GuidePolicy, LearnerPolicy
 
 POLICIES: dict[str, type[AgentPolicy]] = {
@@ -52,15 +53,12 @@ def save_agent(policy: AgentPolicy, folder: str | Path, level: str | None = None
     :param folder: made if need be; an agent that is there is replaced
     :param level: where the agent was trained, for the record
     """
-    history = policy.observation_space.spaces.get("history")  # type: ignore[attr-defined]
     kwargs: dict[str, Any] = {
         **policy.agent_kwargs,
         "net_arch": policy.net_arch,
         "activation_fn": policy.activation_fn.__name__,
     }
-    description = Description(
-        type(policy).__name__, kwargs, 0 if history is None else history.shape[0], level, package_versions()
-    )
+    description = Description(type(policy).__name__, kwargs, history_of(policy.observation_space), level, package_versions())
     write_agent(folder, description, weights_of(policy))
 
 

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import torch as th
+from gymnasium import spaces
 
 Observations = dict[str, th.Tensor]
 
@@ -55,3 +56,9 @@ def distinct(rows: th.Tensor) -> tuple[th.Tensor, th.Tensor]:
     first = th.empty(int(inverse.max()) + 1, dtype=th.long, device=rows.device)
     first[inverse] = th.arange(len(rows), device=rows.device)
     return first, inverse
+
+
+def history_of(observation_space: spaces.Space) -> int:
+    """:return: images before the present one that an observation space holds"""
+    history = observation_space.spaces.get("history") if isinstance(observation_space, spaces.Dict) else None
+    return 0 if history is None or history.shape is None else history.shape[0]

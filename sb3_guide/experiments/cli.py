@@ -1,0 +1,141 @@
+"""The command line: every stage of the paper, and all of them at once."""
+
+import sys
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Agents that guide each other by emergent language. 'sb3-guide reproduce GoToObj' runs all stages of the paper; "
+    "the other commands are its stages.",
+)
+
+Level = Annotated[str, typer.Option(help="Name of the level, such as GoToObj.")]
+Seed = Annotated[int, typer.Option(min=0, help="Of everything that is random in this stage.")]
+Threads = Annotated[int, typer.Option(min=1, help="Of torch. Results depend on their number.")]
+Resume = Annotated[bool, typer.Option("--resume", help="Continue a run that was killed; do nothing if it has finished.")]
+Config = Annotated[Path | None, typer.Option(help="YAML file in rl-zoo's format instead of the packaged zoo_configs/.")]
+Agent = Annotated[Path, typer.Argument(help="Folder of the agent.")]
+
+
+class Split(str, Enum):
+    """Which missions; no mission is in two of them."""
+
+    train = "train"
+    validation = "validation"
+    analysis = "analysis"
+
+
+class Kind(str, Enum):
+    """Which agent."""
+
+    learner = "learner"
+    guide = "guide"
+    guided = "guided"
+
+
+@app.command()
+def expert(
+    level: Level,
+    out: Annotated[Path, typer.Option(help="Folder for the agent.")],
+    seed: Seed = 0,
+    threads: Threads = 2,
+    resume: Resume = False,
+    config: Config = None,
+) -> None:
+    """Stage 1: train an expert with PPO."""
+    from sb3_guide.experiments.expert import train_expert
+
+    train_expert(level, out, seed, threads, resume, config)
+
+
+@app.command()
+def record(
+    level: Level,
+    expert: Annotated[Path, typer.Option(help="Folder of the expert.")],
+    out: Annotated[Path, typer.Option(help="File for the demonstrations (.safetensors).")],
+    episodes: Annotated[int, typer.Option(help="Successful episodes to keep.")],
+    split: Annotated[Split, typer.Option(help="Missions to play.")] = Split.train,
+    threads: Threads = 1,
+) -> None:
+    """Record demonstrations of an expert: its successful episodes."""
+    from sb3_guide.experiments.record import record_demonstrations
+
+    record_demonstrations(level, expert, split.value, episodes, out, threads)
+
+
+@app.command()
+def clone(
+    agent: Annotated[Kind, typer.Option(help="Stage 2: learner or guide. Stage 3: guided.")],
+    level: Level,
+    demos: Annotated[Path, typer.Option(help="Folder with train.safetensors and validation.safetensors.")],
+    out: Annotated[Path, typer.Option(help="Folder for the agent.")],
+    guide: Annotated[Path | None, typer.Option(help="Folder of the pretrained Guide that a guided Learner hears.")] = None,
+    freeze_guide: Annotated[bool, typer.Option("--freeze-guide", help="Keep that Guide as it is.")] = False,
+    seed: Seed = 0,
+    threads: Threads = 1,
+    resume: Resume = False,
+    config: Config = None,
+) -> None:
+    """Stages 2 and 3: clone demonstrations into a Learner, a Guide or a Learner that hears a Guide."""
+    from sb3_guide.experiments.clone import clone as clone_agent
+
+    clone_agent(agent.value, level, demos, out, seed, threads, resume, guide, freeze_guide, config)
+
+
+@app.command()
+def evaluate(
+    agent: Agent,
+    level: Level,
+    out: Annotated[Path, typer.Option(help="JSON file for the result.")],
+    episodes: Annotated[int, typer.Option(help="Missions to play, each of them fresh.")] = 500,
+    threads: Threads = 1,
+) -> None:
+    """Measure an agent's success rate on fresh missions."""
+    from sb3_guide.experiments.evaluate import evaluate as evaluate_agent
+
+    evaluate_agent(agent, level, episodes, out, threads)
+
+
+@app.command()
+def analyze(
+    agent: Agent,
+    level: Level,
+    demos: Annotated[Path, typer.Option(help="File of demonstrations that no agent was trained on.")],
+    out: Annotated[Path, typer.Option(help="Folder for analysis.json and episode.gif.")],
+    threads: Threads = 1,
+) -> None:
+    """Find out what an agent's messages mean: counts, causal influence, and an episode to watch."""
+    from sb3_guide.experiments.analyze import analyze as analyze_agent
+
+    analyze_agent(agent, level, demos, out, threads)
+
+
+@app.command()
+def reproduce(
+    levels: Annotated[list[str], typer.Argument(help="Levels, such as GoToObj GoToLocal.")],
+    out: Annotated[Path, typer.Option(help="Folder for everything that is made.")] = Path("runs/reproduce"),
+    seeds: Annotated[int, typer.Option(help="How often stages 2 and 3 are repeated.")] = 3,
+    cores: Annotated[int, typer.Option(help="Cores to use. Results don't depend on their number.")] = 2,
+) -> None:
+    """Run all stages of the paper and write summary.json and report.html. Call it again to continue after a kill."""
+    from sb3_guide.experiments.reproduce import reproduce as reproduce_levels
+
+    reproduce_levels(levels, seeds, cores, out)
+
+
+def main() -> None:
+    """Entry point: wrong use ends with one line that says what to do, not with a traceback."""
+    try:
+        app()
+    except (ValueError, FileNotFoundError, RuntimeError) as error:
+        sys.exit(f"sb3-guide: {error}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,64 @@
+"""Stage 1: an expert by stock SB3 PPO (paper section 3.3)."""
+
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+from stable_baselines3 import PPO
+from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.vec_env import VecMonitor
+
+from sb3_guide.callbacks import SuccessRateCallback, TrainingCheckpoint, restore_training
+from sb3_guide.callbacks.checkpoint import load_state
+from sb3_guide.envs import GuideGridVecEnv, level_of
+from sb3_guide.experiments.configs import load_config
+from sb3_guide.experiments.runs import TableWriter, stage, use_threads
+from sb3_guide.policies import AgentPolicy, save_agent
+
+
+def train_expert(level: str, out: Path, seed: int, threads: int, resume: bool, config_file: Path | None = None) -> None:
+    """
+    :param level: name of the level
+    :param out: folder of the agent
+    :param seed: of weights, worlds and sampling
+    :param threads: of torch
+    :param resume: go on from the last checkpoint of a killed run
+    :param config_file: YAML in rl-zoo's format; None takes zoo_configs/ppo.yml
+    :raises ValueError: if an argument is out of range or the folder holds another run
+    """
+    level = level_of(level).name
+    config = load_config("ppo", level, config_file)
+    settings = {"level": level, "seed": seed, "threads": threads, "config": config}
+    with stage("expert", settings, out, resume) as run:
+        if run.finished:
+            return
+        use_threads(threads)
+        checkpoint, rows = out / "checkpoint" / "training.pt", []
+        model, success_rate = build(level, seed, dict(config)), SuccessRateCallback()
+        if checkpoint.exists():
+            state = load_state(checkpoint)
+            restore_training(model, state)
+            success_rate.successes = deque(state["success_rate"])
+            rows, run.seconds_before = state["rows"], state["seconds"]
+        model.set_logger(Logger(str(out), [TableWriter(out / "progress.csv", rows)]))
+        keep = TrainingCheckpoint(checkpoint, success_rate, lambda: {"rows": rows, "seconds": run.seconds})
+        model.learn(
+            config["n_timesteps"] - model.num_timesteps,
+            callback=[success_rate, keep],
+            reset_num_timesteps=model.num_timesteps == 0,
+            progress_bar=True,
+        )
+        assert isinstance(model.policy, AgentPolicy)
+        save_agent(model.policy, out, level)
+
+
+def build(level: str, seed: int, config: dict[str, Any]) -> PPO:
+    """
+    :param level: name of the level
+    :param seed: of everything
+    :param config: the level's entry in rl-zoo's format
+    :return: PPO in its worlds, not yet trained
+    """
+    venv = VecMonitor(GuideGridVecEnv(level_of(level).env_id, config.pop("n_envs"), **config.pop("env_kwargs", {})))
+    del config["n_timesteps"]
+    return PPO(config.pop("policy"), venv, seed=seed, **config)

@@ -1,0 +1,139 @@
+"""What every stage of an experiment has in common: a folder, a lock, a record of what was done."""
+
+import csv
+import io
+import os
+import shlex
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch as th
+from filelock import FileLock
+from stable_baselines3.common.logger import KVWriter
+
+from sb3_guide.policies.folder import package_versions, read_json, write_json
+
+
+@dataclass
+class Run:
+    """
+    A stage at work.
+
+    :param finished: an earlier run has done all of it already
+    :param seconds_before: that earlier, killed parts of it took
+    """
+
+    finished: bool = False
+    seconds_before: float = 0.0
+    started: float = field(default_factory=time.monotonic)
+
+    @property
+    def seconds(self) -> float:
+        """That the stage took up to now, earlier parts included."""
+        return self.seconds_before + time.monotonic() - self.started
+
+
+@contextmanager
+def stage(name: str, settings: dict[str, Any], folder: Path, resume: bool) -> Iterator[Run]:
+    """
+    Work in a folder: alone, and such that a killed run can be continued. At the end, run.json says what was done.
+
+    :param name: of the stage
+    :param settings: everything that the result depends on, as JSON; "config", "level" and "seed" among it where they exist
+    :param folder: made if need be
+    :param resume: go on where an earlier run of the same settings stopped, or return at once where it finished
+    :raises ValueError: if the folder holds a run of other settings, or one that was not to be resumed
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with FileLock(folder / "lock"):  # the kernel releases it when its holder dies
+        begun = folder / "settings.json"
+        if begun.exists():
+            if read_json(begun) != settings:
+                raise ValueError(f"{folder} holds a run of other settings ({begun}): choose another --out or delete it")
+            if not resume:
+                raise ValueError(f"{folder} holds a run already: pass --resume to continue it, or choose another --out")
+        write_json(begun, settings)
+        run = Run(finished=(folder / "run.json").exists())
+        yield run
+        if not run.finished:
+            write_json(folder / "run.json", record(name, settings, run.seconds))
+
+
+def record(name: str, settings: dict[str, Any], seconds: float) -> dict[str, Any]:
+    """
+    :param name: of the stage
+    :param settings: that it ran with
+    :param seconds: that it took
+    :return: what is written beside a result
+    """
+    return {
+        "stage": name,
+        "command": shlex.join(["sb3-guide", *sys.argv[1:]]),
+        **settings,
+        "versions": package_versions(),
+        "seconds": round(seconds, 2),
+        "finished": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+    }
+
+
+def use_threads(threads: int) -> None:
+    """
+    :param threads: of torch; results depend on their number, so it is part of a stage's settings
+    :raises ValueError: if there is none
+    """
+    if threads < 1:
+        raise ValueError(f"threads={threads}: expected at least 1")
+    th.set_num_threads(threads)
+
+
+def write_table(path: Path, rows: Sequence[dict[str, Any]]) -> None:
+    """
+    Write a CSV file atomically; a column for every name that occurs.
+
+    :param path: of the file
+    :param rows: a dict each
+    """
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    partial = path.with_name(f"{path.name}.partial")
+    partial.write_text(text.getvalue())
+    os.replace(partial, path)
+
+
+def read_table(path: Path) -> list[dict[str, str]]:
+    """
+    :param path: of a file that :func:`write_table` wrote
+    """
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+class TableWriter(KVWriter):
+    """
+    SB3 logger output that a resumed run continues: the whole table is written each time.
+
+    :param path: of the CSV file
+    :param rows: of earlier parts of the run
+    """
+
+    def __init__(self, path: Path, rows: list[dict[str, Any]]) -> None:
+        self.path = path
+        self.rows = rows
+
+    def write(self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0) -> None:
+        plain = {name: value.item() if isinstance(value, np.generic) else value for name, value in key_values.items()}
+        self.rows.append(dict(sorted(plain.items())))
+        write_table(self.path, self.rows)
+
+    def close(self) -> None:
+        pass

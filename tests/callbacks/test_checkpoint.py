@@ -1,0 +1,61 @@
+"""A run that was killed and restored equals one that was not."""
+
+import numpy as np
+import pytest
+import torch as th
+from sb3_contrib import RecurrentPPO
+from stable_baselines3 import A2C, PPO
+from stable_baselines3.common.vec_env import VecMonitor
+
+from sb3_guide.callbacks import SuccessRateCallback, TrainingCheckpoint, restore_training
+from sb3_guide.callbacks.checkpoint import load_state
+from sb3_guide.envs import GuideGridVecEnv
+
+STEPS, WORLDS = 16, 4
+ROLLOUT = STEPS * WORLDS
+
+
+def build(algorithm):
+    kwargs = {} if algorithm is A2C else {"batch_size": 32, "n_epochs": 2}
+    schedule = lambda progress: 1e-3 * progress  # noqa: E731
+    venv = VecMonitor(GuideGridVecEnv("GuideGrid-GoToObj-v0", WORLDS))
+    return algorithm("LearnerPolicy", venv, n_steps=STEPS, learning_rate=schedule, seed=3, **kwargs)
+
+
+@pytest.mark.parametrize("algorithm", [PPO, A2C, RecurrentPPO])
+def test_resumed_equals_uninterrupted(algorithm, tmp_path):
+    success_rate = SuccessRateCallback()
+    checkpoint = TrainingCheckpoint(tmp_path / "training.pt", success_rate, lambda: {"seconds": 1.5}, every_n_rollouts=5)
+    whole = build(algorithm).learn(8 * ROLLOUT, callback=[success_rate, checkpoint])
+
+    np.random.seed(99)  # noqa: NPY002  # whatever the streams were, they are restored
+    th.manual_seed(99)
+    state = load_state(tmp_path / "training.pt")
+    resumed = build(algorithm)
+    restore_training(resumed, state)
+    assert resumed.num_timesteps == 5 * ROLLOUT
+    resumed.learn(3 * ROLLOUT, reset_num_timesteps=False)
+
+    assert state["seconds"] == 1.5
+    assert resumed.num_timesteps == whole.num_timesteps
+    assert [info["l"] for info in resumed.ep_info_buffer] == [info["l"] for info in whole.ep_info_buffer]
+    for name, weight in whole.policy.state_dict().items():
+        assert th.equal(weight, resumed.policy.state_dict()[name]), name
+
+
+def test_a_damaged_checkpoint_is_named(tmp_path):
+    path = tmp_path / "training.pt"
+    build(PPO).learn(3 * ROLLOUT, callback=[TrainingCheckpoint(path, every_n_rollouts=1)])
+    path.write_bytes(path.read_bytes()[:1000])
+    with pytest.raises(ValueError, match=r"checkpoint .*training\.pt is damaged"):
+        load_state(path)
+
+
+def test_a_checkpoint_executes_no_code(tmp_path):
+    class Evil:
+        def __reduce__(self):
+            return (print, ("executed",))
+
+    th.save({"policy": Evil()}, tmp_path / "training.pt")
+    with pytest.raises(ValueError, match="is damaged"):
+        load_state(tmp_path / "training.pt")

@@ -1,0 +1,58 @@
+"""Agents play missions."""
+
+import numpy as np
+import pytest
+from stable_baselines3 import PPO
+
+from sb3_guide.cloning import mission_seeds, play
+from sb3_guide.envs import GuideGridEnv
+from sb3_guide.policies import LearnerPolicy, RecurrentGuidePolicy
+from tests.policies.helpers import make_policy
+
+SEEDS = mission_seeds("validation", 6)
+
+
+@pytest.mark.parametrize("policy_class", [LearnerPolicy, RecurrentGuidePolicy])
+def test_side_by_side_equals_one_by_one(policy_class):
+    policy = make_policy(policy_class)
+    episodes = play(policy, "GoToLocal", SEEDS)
+    assert len(episodes) == len(SEEDS)
+    for row, seed in enumerate(SEEDS):
+        frames = slice(*episodes.offsets[row : row + 2])
+        env = GuideGridEnv("GoToLocal", history=0 if policy.carries_memory else 3)
+        obs, state, done, total = env.reset(seed=int(seed))[0], None, False, 0.0
+        for image, action in zip(episodes.images[frames], episodes.actions[frames], strict=True):
+            assert not done
+            assert np.array_equal(image, obs["image"])
+            chosen, state = policy.predict(obs, state, deterministic=True)
+            assert chosen == action
+            obs, reward, terminated, truncated, _ = env.step(action)
+            done, total = terminated or truncated, total + reward
+        assert done
+        assert episodes.returns[row] == total
+
+
+def test_missions_are_played_in_the_order_of_their_seeds(monkeypatch):
+    policy = make_policy(RecurrentGuidePolicy)
+    whole = play(policy, "GoToObj", SEEDS)
+    monkeypatch.setattr("sb3_guide.cloning.episodes.WORLDS", 4)
+    in_parts = play(policy, "GoToObj", SEEDS)
+    assert all(np.array_equal(part, in_parts.arrays()[name]) for name, part in whole.arrays().items())
+    assert np.array_equal(whole.seeds, SEEDS)
+
+
+def test_progress_counts_every_episode():
+    counts: list[int] = []
+    play(make_policy(RecurrentGuidePolicy), "GoToObj", SEEDS, counts.append)
+    assert sum(counts) == len(SEEDS)
+
+
+def test_no_missions():
+    with pytest.raises(ValueError, match="0 episodes were asked for"):
+        play(make_policy(LearnerPolicy), "GoToObj", np.zeros(0, dtype=np.int64))
+
+
+def test_a_policy_of_another_observation_space():
+    policy = PPO("MlpPolicy", "CartPole-v1", n_steps=16, batch_size=16).policy
+    with pytest.raises(ValueError, match="the agent's observation space is not GoToObj's"):
+        play(policy, "GoToObj", SEEDS)

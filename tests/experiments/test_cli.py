@@ -1,0 +1,64 @@
+"""The command line as a newcomer meets it."""
+
+import subprocess
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+from sb3_guide.experiments.cli import app
+from sb3_guide.experiments.configs import load_config
+
+COMMANDS = ("expert", "record", "clone", "evaluate", "analyze", "reproduce")
+
+
+def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-m", "sb3_guide.experiments.cli", *arguments], capture_output=True, text=True)
+
+
+def test_help_names_every_stage():
+    shown = CliRunner().invoke(app, ["--help"]).output
+    assert all(command in shown for command in COMMANDS)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_stage_explains_itself(command):
+    shown = CliRunner().invoke(app, [command, "--help"])
+    assert shown.exit_code == 0
+    assert "--out" in shown.output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["expert", "--level", "GoToMars", "--out", "x"], "GoToMars"),
+        (["evaluate", "nowhere", "--level", "GoToObj", "--out", "x.json"], "nowhere is no agent's folder"),
+        (["evaluate", "nowhere", "--level", "GoToObj", "--out", "x.json", "--episodes", "0"], "0 episodes were asked for"),
+    ],
+)
+def test_wrong_use_ends_with_one_line(arguments, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    ended = run(*arguments)
+    assert ended.returncode != 0
+    assert "Traceback" not in ended.stderr
+    assert message in ended.stderr.splitlines()[-1]
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["ppo", "bc"])
+@pytest.mark.parametrize("level", ["GoToObj", "GoToLocal"])
+def test_every_level_has_its_hyper_parameters(name, level):
+    assert load_config(name, level)
+
+
+def test_configs_that_cannot_be_read(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"none\.yml does not exist"):
+        load_config("ppo", "GoToObj", tmp_path / "none.yml")
+    for content, message in (
+        ("a: [", "is no YAML"),
+        ("a: 1", "has no entry GuideGrid-GoToObj-v0: it has a"),
+        ("", "it has none"),
+    ):
+        (tmp_path / "some.yml").write_text(content)
+        with pytest.raises(ValueError, match=message):
+            load_config("ppo", "GoToObj", tmp_path / "some.yml")

@@ -1,0 +1,187 @@
+"""The stages, each for real and as small as can be."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import torch as th
+import yaml
+
+from sb3_guide.cloning import load_demonstrations
+from sb3_guide.experiments import record
+from sb3_guide.experiments.analyze import analyze
+from sb3_guide.experiments.clone import clone
+from sb3_guide.experiments.evaluate import evaluate
+from sb3_guide.experiments.expert import train_expert
+from sb3_guide.experiments.record import record_demonstrations
+from sb3_guide.experiments.runs import read_table
+from sb3_guide.policies import LearnerPolicy, RecurrentGuidedLearnerPolicy, RecurrentGuidePolicy, load_agent, save_agent
+from tests.policies.helpers import make_policy
+
+KEY = "GuideGrid-GoToObj-v0"
+PPO = {"policy": "LearnerPolicy", "n_envs": 4, "n_timesteps": 64 * 25, "n_steps": 16, "batch_size": 32, "n_epochs": 1}
+BC = {"validation_episodes": 4, "n_epochs": 3, "batch_size": 4, "learning_rate": 0.001, "ent_weight": 0.01}
+
+
+def write_config(path: Path, entry: dict) -> Path:
+    path.write_text(yaml.safe_dump({KEY: entry}))
+    return path
+
+
+def weights(folder: Path) -> dict[str, th.Tensor]:
+    return load_agent(folder).state_dict()
+
+
+def equal(one: Path, other: Path) -> bool:
+    return all(th.equal(weight, weights(other)[name]) for name, weight in weights(one).items())
+
+
+def without_times(rows: list[dict[str, str]]) -> list[dict[str, str]]:
+    return [{name: value for name, value in row.items() if name != "seconds" and not name.startswith("time/")} for row in rows]
+
+
+@pytest.fixture(scope="module")
+def demos(tmp_path_factory) -> Path:
+    """Demonstrations of an expert that is none."""
+    folder = tmp_path_factory.mktemp("demos")
+    save_agent(make_policy(LearnerPolicy), folder / "expert", "GoToObj")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(record, "WORST_EXPERT", 0.0)
+        for split in ("train", "validation", "analysis"):
+            record_demonstrations("GoToObj", folder / "expert", split, 10, folder / f"{split}.safetensors", threads=1)
+    return folder
+
+
+def test_an_expert_is_written_with_all_that_it_depends_on(tmp_path):
+    config = write_config(tmp_path / "ppo.yml", PPO)
+    train_expert(KEY, tmp_path / "expert", seed=1, threads=1, resume=False, config_file=config)
+    assert isinstance(load_agent(tmp_path / "expert"), LearnerPolicy)
+    run = json.loads((tmp_path / "expert" / "run.json").read_text())
+    assert (run["stage"], run["level"], run["seed"], run["threads"], run["config"]) == ("expert", "GoToObj", 1, 1, PPO)
+    assert run["versions"]["torch"] == th.__version__
+    rows = read_table(tmp_path / "expert" / "progress.csv")
+    assert [int(row["time/total_timesteps"]) for row in rows] == [64 * (n + 1) for n in range(25)]
+    assert 0 <= float(rows[-1]["rollout/success_rate"]) <= 1
+
+
+@pytest.mark.parametrize("stage", ["expert", "clone"])
+def test_a_killed_stage_goes_on_as_if_nothing_had_happened(stage, demos, tmp_path):
+    """Kill the real command once its first checkpoint is there, continue it, and compare with an undisturbed run."""
+    config = write_config(tmp_path / "config.yml", PPO if stage == "expert" else BC | {"n_epochs": 8})
+    of_stage = ["expert"] if stage == "expert" else ["clone", "--agent", "guide", "--demos", str(demos)]
+    program = [sys.executable, "-m", "sb3_guide.experiments.cli", *of_stage, "--level", "GoToObj", "--config", str(config)]
+    program += ["--threads", "1", "--seed", "5"]
+    subprocess.run([*program, "--out", tmp_path / "whole"], check=True, capture_output=True)
+    killed = subprocess.Popen([*program, "--out", tmp_path / "killed"], stderr=subprocess.DEVNULL)
+    while not list((tmp_path / "killed").glob("checkpoint/*.pt")):
+        assert killed.poll() is None
+        time.sleep(0.01)
+    os.kill(killed.pid, signal.SIGKILL)
+    killed.wait()
+    assert not (tmp_path / "killed" / "run.json").exists()
+    subprocess.run([*program, "--out", tmp_path / "killed", "--resume"], check=True, capture_output=True)
+    assert equal(tmp_path / "whole", tmp_path / "killed")
+    whole, resumed = (without_times(read_table(tmp_path / name / "progress.csv")) for name in ("whole", "killed"))
+    assert whole == resumed
+
+
+def test_demonstrations_are_successful_and_say_where_they_come_from(demos):
+    train = load_demonstrations(demos / "train.safetensors")
+    assert train.level == "GoToObj"
+    assert len(train.episodes) == 10
+    assert train.episodes.successes.all()
+    assert train.provenance["expert"]["policy"] == "LearnerPolicy"
+    beside = json.loads((demos / "train.json").read_text())
+    assert beside["episodes"] == 10
+    assert beside["frames"] == len(train.episodes.actions)
+    assert beside["expert_success_rate"] == 10 / train.provenance["missions_played"]
+
+
+def test_an_expert_that_fails_is_not_recorded(tmp_path):
+    save_agent(make_policy(LearnerPolicy), tmp_path / "expert")
+    with pytest.raises(ValueError, match=r"the expert solved \d+ of \d+ missions of GoToObj: train it longer"):
+        record_demonstrations("GoToObj", tmp_path / "expert", "train", 10, tmp_path / "train.safetensors", threads=1)
+    assert not (tmp_path / "train.safetensors").exists()
+
+
+def test_a_guide_is_no_expert(tmp_path):
+    save_agent(make_policy(RecurrentGuidePolicy), tmp_path)
+    with pytest.raises(
+        ValueError, match="holds a RecurrentGuidePolicy: expected one of LearnerPolicy, RecurrentLearnerPolicy"
+    ):
+        record_demonstrations("GoToObj", tmp_path, "train", 10, tmp_path / "train.safetensors", threads=1)
+
+
+def test_stage_two_and_three(demos, tmp_path):
+    config = write_config(tmp_path / "bc.yml", BC)
+    shared = {"level": "GoToObj", "demos": demos, "seed": 0, "threads": 1, "resume": False, "config_file": config}
+    clone("learner", out=tmp_path / "learner", **shared)
+    clone("guide", out=tmp_path / "guide", **shared)
+    clone("guided", out=tmp_path / "guided", guide=tmp_path / "guide", **shared)
+    clone("guided", out=tmp_path / "frozen", guide=tmp_path / "guide", freeze_guide=True, **shared)
+    guide = load_agent(tmp_path / "guide").channel.speaker.state_dict()
+    frozen = load_agent(tmp_path / "frozen", RecurrentGuidedLearnerPolicy).channel.speaker.state_dict()
+    tuned = load_agent(tmp_path / "guided").channel.speaker.state_dict()
+    assert all(th.equal(guide[name], frozen[name]) for name in guide)
+    assert not all(th.equal(guide[name], tuned[name]) for name in guide)
+    columns = {"epoch", "loss", "success_rate", "success_low", "success_high", "mean_length", "frames", "seconds"}
+    communication = {"cic", "uniform_cic", "message_entropy"}
+    for agent in ("learner", "guide", "guided"):
+        rows = read_table(tmp_path / agent / "progress.csv")
+        assert [float(row["epoch"]) for row in rows] == [1, 2, 3]
+        assert rows[0].keys() == columns | (communication if agent != "learner" else set())
+
+    evaluate(tmp_path / "guided", "GoToObj", 6, tmp_path / "evaluation.json", threads=1)
+    found = json.loads((tmp_path / "evaluation.json").read_text())
+    assert found["episodes"] == 6
+    assert found["low"] <= found["success_rate"] == found["successes"] / 6 <= found["high"]
+
+    analyze(tmp_path / "guided", "GoToObj", demos / "analysis.safetensors", tmp_path / "analysis", threads=1)
+    found = json.loads((tmp_path / "analysis" / "analysis.json").read_text())
+    assert len(found["messages"]) == len(found["counts"]) == 9
+    assert sum(map(sum, found["counts"])) == found["frames"]
+    assert 0 <= found["cic"] <= found["message_entropy"]
+    assert (tmp_path / "analysis" / "episode.gif").read_bytes().startswith(b"GIF89a")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"agent": "teacher"}, "agent='teacher' is unknown: expected one of learner, guide, guided"),
+        ({"agent": "guided"}, "a guided Learner needs a pretrained Guide: pass its folder with --guide"),
+        ({"agent": "learner", "guide": Path()}, "a learner hears no Guide"),
+        ({"agent": "learner", "level": "GoToMars"}, "GoToMars"),
+        ({"agent": "learner", "threads": 0}, "threads=0: expected at least 1"),
+    ],
+)
+def test_wrong_arguments(arguments, message, demos, tmp_path):
+    config = write_config(tmp_path / "bc.yml", BC)
+    usual = {"level": "GoToObj", "demos": demos, "seed": 0, "threads": 1, "resume": False, "config_file": config}
+    with pytest.raises(ValueError, match=message):
+        clone(out=tmp_path / "out", **{**usual, **arguments})
+
+
+def test_a_folder_holds_one_run(demos, tmp_path):
+    config = write_config(tmp_path / "bc.yml", BC | {"n_epochs": 1})
+    shared = {"level": "GoToObj", "demos": demos, "out": tmp_path / "out", "threads": 1, "config_file": config}
+    clone("learner", seed=0, resume=False, **shared)
+    written = (tmp_path / "out" / "run.json").read_text()
+    clone("learner", seed=0, resume=True, **shared)
+    assert (tmp_path / "out" / "run.json").read_text() == written
+    with pytest.raises(ValueError, match="holds a run already: pass --resume"):
+        clone("learner", seed=0, resume=False, **shared)
+    with pytest.raises(ValueError, match="holds a run of other settings"):
+        clone("learner", seed=1, resume=True, **shared)
+
+
+def test_demonstrations_of_another_level(demos, tmp_path):
+    config = tmp_path / "bc.yml"
+    config.write_text(yaml.safe_dump({"GuideGrid-GoToLocal-v0": BC}))
+    shared = {"demos": demos, "out": tmp_path / "out", "seed": 0, "threads": 1, "resume": False, "config_file": config}
+    with pytest.raises(ValueError, match="holds demonstrations of GoToObj: expected GoToLocal"):
+        clone("learner", level="GoToLocal", **shared)

@@ -1,0 +1,70 @@
+"""The policies in SB3's and sb3-contrib's algorithms, by their names."""
+
+import pytest
+import torch as th
+from sb3_contrib import RecurrentPPO
+from stable_baselines3 import A2C, PPO
+
+from sb3_guide.envs import GuideGridVecEnv
+from sb3_guide.policies import GuidePolicy, PretrainedGuide, RecurrentGuidePolicy, save_agent
+from tests.policies.helpers import make_policy
+
+LEVEL = "GuideGrid-GoToLocal-v0"
+ALGORITHMS = {PPO: {"n_steps": 16, "batch_size": 32, "n_epochs": 2}, A2C: {}, RecurrentPPO: {"n_steps": 16, "batch_size": 32}}
+
+
+@pytest.fixture
+def guide_of(tmp_path):
+    for policy_class in (GuidePolicy, RecurrentGuidePolicy):
+        save_agent(make_policy(policy_class), tmp_path / policy_class.__name__)
+    return lambda algorithm: tmp_path / ("RecurrentGuidePolicy" if algorithm is RecurrentPPO else "GuidePolicy")
+
+
+@pytest.mark.parametrize("policy", ["LearnerPolicy", "GuidePolicy", "GuidedLearnerPolicy"])
+@pytest.mark.parametrize("algorithm", ALGORITHMS, ids=lambda algorithm: algorithm.__name__)
+def test_every_policy_learns_in_every_algorithm(algorithm, policy, guide_of):
+    kwargs = {"guide": PretrainedGuide.from_folder(guide_of(algorithm))} if policy == "GuidedLearnerPolicy" else {}
+    model = algorithm(policy, GuideGridVecEnv(LEVEL, 4), seed=0, policy_kwargs=kwargs, **ALGORITHMS[algorithm])
+    before = {name: weight.clone() for name, weight in model.policy.named_parameters()}
+    model.learn(128)
+    unchanged = {name for name, weight in model.policy.named_parameters() if th.equal(weight, before[name])}
+    assert not unchanged
+
+
+def test_a_single_environment_by_its_id():
+    model = PPO("GuidePolicy", LEVEL, n_steps=32, batch_size=32).learn(32)
+    assert model.num_timesteps == 32
+
+
+@pytest.mark.parametrize("policy", ["LearnerPolicy", "GuidePolicy"])
+def test_the_same_seed_gives_the_same_weights(policy):
+    one, same, other = (
+        PPO(policy, GuideGridVecEnv(LEVEL, 4), n_steps=16, batch_size=32, seed=s).learn(128) for s in (0, 0, 1)
+    )
+    weights = [model.policy.action_net.weight for model in (one, same, other)]
+    assert th.equal(weights[0], weights[1])
+    assert not th.equal(weights[0], weights[2])
+
+
+def test_collecting_and_training_see_the_same_function():
+    """PPO's ratio is 1 before the first update: nothing depends on the training mode or on chance."""
+    model = PPO("GuidePolicy", GuideGridVecEnv(LEVEL, 4), n_steps=16, batch_size=64, n_epochs=1, seed=0).learn(64)
+    data = next(iter(model.rollout_buffer.get(64)))
+    model = PPO("GuidePolicy", GuideGridVecEnv(LEVEL, 4), n_steps=16, batch_size=64, n_epochs=1, seed=0)
+    for training in (True, False):
+        model.policy.set_training_mode(training)
+        _, log_prob, _ = model.policy.evaluate_actions(data.observations, data.actions.long().flatten())
+        assert th.allclose(log_prob, data.old_log_prob, atol=1e-5)
+
+
+def test_a_frozen_guide_stays_as_it_is(guide_of):
+    guide = PretrainedGuide.from_folder(guide_of(PPO))
+    kwargs = {"guide": guide, "freeze_guide": True}
+    model = PPO("GuidedLearnerPolicy", GuideGridVecEnv(LEVEL, 4), n_steps=16, batch_size=32, policy_kwargs=kwargs).learn(64)
+    speaker = model.policy.channel.speaker.state_dict()
+    assert all(th.equal(speaker[name], weight) for name, weight in guide.weights.items())
+
+
+def test_other_heads():
+    kwargs = {"net_arch": {"pi": [32, 32], "vf": [16]}, "activation_fn": th.nn.ReLU, "ortho_init": False}
+    PPO("GuidePolicy", GuideGridVecEnv(LEVEL, 2), n_steps=16, batch_size=32, policy_kwargs=kwargs).learn(32)

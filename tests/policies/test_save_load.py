@@ -1,0 +1,150 @@
+"""Agents to disk and back."""
+
+import json
+import shutil
+
+import pytest
+import torch as th
+from stable_baselines3 import PPO
+
+from sb3_guide.policies import (
+    AgentPolicy,
+    GuidedLearnerPolicy,
+    GuidePolicy,
+    LearnerPolicy,
+    PretrainedGuide,
+    RecurrentGuidedLearnerPolicy,
+    RecurrentGuidePolicy,
+    load_agent,
+    save_agent,
+)
+from sb3_guide.policies.agents import LearnerAgent
+from tests.policies.helpers import make_policy
+
+LEVEL = "GuideGrid-GoToObj-v0"
+
+
+@pytest.fixture
+def guide(tmp_path):
+    folder = tmp_path / "guide"
+    save_agent(make_policy(GuidePolicy, message_length=1, vocabulary_size=4), folder, level="GoToObj")
+    return folder
+
+
+def same(one: AgentPolicy, other: AgentPolicy, obs) -> bool:
+    with th.no_grad():
+        return all(th.equal(a, b) for a, b in zip(one(obs, deterministic=True), other(obs, deterministic=True), strict=True))
+
+
+@pytest.mark.parametrize(
+    ("policy_class", "kwargs"),
+    [
+        (LearnerPolicy, {}),
+        (LearnerPolicy, {"net_arch": [16], "activation_fn": th.nn.ReLU}),
+        (GuidePolicy, {"message_length": 3, "vocabulary_size": 2}),
+    ],
+)
+def test_an_agents_folder_holds_all_of_it(tmp_path, window, policy_class, kwargs):
+    policy = make_policy(policy_class, **kwargs)
+    save_agent(policy, tmp_path, level="GoToObj")
+    loaded = load_agent(tmp_path)
+    assert type(loaded) is policy_class
+    assert same(policy, loaded, window)
+    description = json.loads((tmp_path / "agent.json").read_text())
+    assert description["level"] == "GoToObj"
+    assert {"sb3-guide", "torch", "stable-baselines3"} <= description["versions"].keys()
+
+
+def test_a_guided_learners_folder_needs_no_guide(tmp_path, guide, window):
+    policy = make_policy(GuidedLearnerPolicy, guide=guide, freeze_guide=True)
+    save_agent(policy, tmp_path / "guided")
+    shutil.rmtree(guide)
+    loaded = load_agent(tmp_path / "guided")
+    assert same(policy, loaded, window)
+    assert not any(weight.requires_grad for weight in loaded.channel.speaker.parameters())
+
+
+def test_the_guides_trunk_and_decoder_are_taken_over_and_the_encoder_is_new(guide):
+    pretrained, guided = load_agent(guide), make_policy(GuidedLearnerPolicy, guide=guide)
+    old, new = pretrained.channel.speaker.state_dict(), guided.channel.speaker.state_dict()
+    assert all(th.equal(old[name], new[name]) for name in old)
+    assert not th.equal(pretrained.channel.encoder.embedding.weight, guided.channel.encoder.embedding.weight)
+    assert all(weight.requires_grad for weight in guided.parameters())
+
+
+def test_sb3s_zip_holds_the_guide_too(tmp_path, guide):
+    pretrained = PretrainedGuide.from_folder(guide)
+    model = PPO("GuidedLearnerPolicy", LEVEL, n_steps=16, batch_size=16, policy_kwargs={"guide": pretrained}, seed=0)
+    model.learn(16)
+    model.save(tmp_path / "model")
+    shutil.rmtree(guide)
+    loaded = PPO.load(tmp_path / "model")
+    for name, weight in model.policy.state_dict().items():
+        assert th.equal(weight, loaded.policy.state_dict()[name]), name
+
+
+@pytest.mark.parametrize("policy", ["LearnerPolicy", "GuidePolicy"])
+def test_sb3s_zip(tmp_path, policy):
+    model = PPO(policy, LEVEL, n_steps=16, batch_size=16, seed=0).learn(16)
+    model.save(tmp_path / "model")
+    loaded = PPO.load(tmp_path / "model", env=model.get_env())
+    obs = model.get_env().reset()
+    assert model.predict(obs, deterministic=True)[0] == loaded.predict(obs, deterministic=True)[0]
+    loaded.learn(16)
+
+
+def test_a_guided_learner_without_a_guide():
+    with pytest.raises(ValueError, match=r"guide=None is no Guide: a GuidedLearnerPolicy needs a pretrained one"):
+        make_policy(GuidedLearnerPolicy)
+
+
+def test_a_guide_of_the_other_memory_mode(guide):
+    with pytest.raises(ValueError, match="RecurrentGuidedLearnerPolicy can't hear a GuidePolicy"):
+        make_policy(RecurrentGuidedLearnerPolicy, guide=guide)
+
+
+def test_a_learner_where_a_guide_is_expected(tmp_path):
+    save_agent(make_policy(LearnerPolicy), tmp_path)
+    with pytest.raises(ValueError, match="holds a LearnerPolicy: expected one of GuidePolicy, RecurrentGuidePolicy"):
+        make_policy(GuidedLearnerPolicy, guide=tmp_path)
+
+
+def test_a_guide_where_a_learner_is_expected(guide):
+    with pytest.raises(ValueError, match="holds a GuidePolicy: expected one of LearnerPolicy, RecurrentLearnerPolicy"):
+        load_agent(guide, LearnerAgent)
+
+
+def test_a_folder_that_is_no_agents(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"is no agent's folder, as it lacks agent\.json"):
+        load_agent(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("file", "content", "message"),
+    [
+        ("network.safetensors", b"\0" * 100, r"network\.safetensors is damaged"),
+        ("agent.json", b"{", r"agent\.json is no JSON"),
+        ("agent.json", b"{}", "does not describe an agent"),
+        ("agent.json", b'{"policy": "GuidePolicy", "kwargs": {}, "history": 3, "format": 99}', "has format 99: expected 1"),
+        ("agent.json", b'{"policy": "OsPolicy", "kwargs": {}, "history": 3}', "holds a OsPolicy: expected one of"),
+        (
+            "agent.json",
+            b'{"policy": "GuidePolicy", "kwargs": {"activation_fn": "init"}, "history": 3}',
+            "is damaged: its weights and its description don't fit",
+        ),
+    ],
+)
+def test_damaged_files_are_named(guide, file, content, message):
+    (guide / file).write_bytes(content)
+    with pytest.raises(ValueError, match=message):
+        load_agent(guide)
+
+
+def test_an_unknown_size():
+    with pytest.raises(ValueError, match="size='huge' is unknown: expected one of 'compact', 'paper'"):
+        make_policy(RecurrentGuidePolicy, size="huge")
+
+
+def test_an_agent_without_a_channel(window):
+    with pytest.raises(ValueError, match="LearnerPolicy sends no messages"):
+        make_policy(LearnerPolicy).message_log_probs(window)
