@@ -1,0 +1,95 @@
+"""An episode as a GIF: the grid, and beneath it the mission, the message that was heard and the action that was taken."""
+
+import os
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib import font_manager
+from PIL import Image, ImageDraw, ImageFont, ImageOps
+
+WIDTH = 320  # pixels; the grid is scaled to a square of this side
+PANEL = 132  # pixels of text beneath the grid
+MAX_FRAMES = 100  # keeps a maze of 22 x 22 cells under 1 MB
+COLOURS = 96  # of the palette, shared by all frames
+BACKGROUND, FAINT, TEXT, MESSAGE, ACTION = "#16181d", "#9aa3b2", "#f2f4f8", "#f0a15e", "#7cc4f5"
+MISSION_COLUMNS = 38  # characters that fit a line
+
+
+class Caption(NamedTuple):
+    """
+    What is written beneath one frame.
+
+    :param mission: instruction of the episode
+    :param message: that the agent heard at this frame, such as "w0 w2"; empty if there was none
+    :param action: that the agent then took; empty after the last one
+    """
+
+    mission: str
+    message: str
+    action: str
+
+
+def write_animation(path: Path, frames: Sequence[np.ndarray], captions: Sequence[Caption], milliseconds: int = 500) -> None:
+    """
+    Write a GIF of at most 1 MB atomically. Of an episode longer than MAX_FRAMES, evenly spaced frames are shown.
+
+    :param path: of the GIF; its folder must exist
+    :param frames: of one episode, each (height, width, 3) uint8, square cells
+    :param captions: one a frame
+    :param milliseconds: that a frame stays; the last one stays four times as long
+    :raises ValueError: if there is no frame, captions and frames differ in number, or a frame is no RGB picture
+    """
+    if not frames or len(frames) != len(captions):
+        raise ValueError(f"An animation needs frames and as many captions: got {len(frames)} frames, {len(captions)} captions")
+    chosen = np.linspace(0, len(frames) - 1, min(len(frames), MAX_FRAMES)).round().astype(int)
+    pictures = share_palette([draw_frame(frames[index], captions[index]) for index in chosen])
+    durations = [milliseconds] * (len(pictures) - 1) + [4 * milliseconds]
+    partial = path.with_name(f"{path.name}.partial")
+    pictures[0].save(partial, "GIF", save_all=True, append_images=pictures[1:], duration=durations, loop=0)
+    os.replace(partial, path)
+
+
+def draw_frame(frame: np.ndarray, caption: Caption) -> Image.Image:
+    """
+    :param frame: (height, width, 3) uint8
+    :param caption: of this frame
+    :return: RGB picture of WIDTH x (WIDTH + PANEL) pixels
+    :raises ValueError: if the frame is no RGB picture
+    """
+    if frame.ndim != 3 or frame.shape[2] != 3 or frame.dtype != np.uint8:
+        raise ValueError(f"A frame is an array (height, width, 3) of uint8: got {frame.shape} of {frame.dtype}")
+    picture = Image.new("RGB", (WIDTH, WIDTH + PANEL), BACKGROUND)
+    grid = ImageOps.contain(Image.fromarray(frame), (WIDTH, WIDTH))
+    picture.paste(grid, ((WIDTH - grid.size[0]) // 2, (WIDTH - grid.size[1]) // 2))
+    draw_caption(ImageDraw.Draw(picture), caption)
+    return picture
+
+
+def draw_caption(draw: ImageDraw.ImageDraw, caption: Caption) -> None:
+    """
+    :param draw: on a picture of WIDTH x (WIDTH + PANEL) pixels
+    :param caption: to be written below the grid
+    """
+    mission = textwrap.shorten(caption.mission, 3 * MISSION_COLUMNS - 12, placeholder=" ...")
+    draw.multiline_text((14, WIDTH + 10), textwrap.fill(mission, MISSION_COLUMNS), TEXT, font("DejaVu Sans", 13), spacing=4)
+    for x, label, value, colour in ((14, "message", caption.message, MESSAGE), (160, "action", caption.action, ACTION)):
+        draw.text((x, WIDTH + 74), label, FAINT, font("DejaVu Sans", 12))
+        draw.text((x, WIDTH + 92), value or "-", colour if value else FAINT, font("DejaVu Sans Mono", 20))
+
+
+def font(family: str, size: int) -> ImageFont.FreeTypeFont:
+    """:return: a font that Matplotlib ships, so that the picture is the same on every machine"""
+    return ImageFont.truetype(font_manager.findfont(family), size)
+
+
+def share_palette(pictures: list[Image.Image]) -> list[Image.Image]:
+    """
+    :param pictures: RGB, of one size
+    :return: the same in one palette, so that consecutive frames of a GIF differ only where something moved
+    """
+    strip = Image.fromarray(np.concatenate([np.asarray(picture) for picture in pictures[:: max(1, len(pictures) // 8)]]))
+    palette = strip.quantize(COLOURS)
+    return [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]

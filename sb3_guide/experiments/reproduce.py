@@ -1,0 +1,159 @@
+"""The whole experiment with one call: the packaged Snakemake workflow, then summary and report."""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from threading import Thread
+
+import psutil
+from filelock import FileLock, Timeout
+
+from sb3_guide.envs import level_of
+from sb3_guide.experiments.display import Display
+from sb3_guide.experiments.report import write_report
+from sb3_guide.experiments.summary import summarise
+from sb3_guide.policies.folder import read_json, write_json
+
+SNAKEFILE = Path(__file__).with_name("workflow") / "Snakefile"
+RUN_VARIABLE = "SB3_GUIDE_RUN"  # in the environment of every process of a run: the run's folder
+POLL_SECONDS = 0.5
+
+
+def reproduce(levels: Sequence[str], seeds: int, cores: int, out: Path) -> None:
+    """
+    Train the expert, record its demonstrations, clone Learner, Guide and guided Learner, evaluate and analyse them, and write
+    summary.json and report.html. What is finished in the folder is kept; what was interrupted goes on.
+
+    :param levels: names or ids, such as "GoToObj"
+    :param seeds: how often stages 2 and 3 are repeated, with the seeds 0, 1, ...; the expert is trained once a level
+    :param cores: of this machine that may be used; results don't depend on it
+    :param out: folder of the run, made if need be
+    :raises ValueError: for an unknown level, no level, or fewer than one seed or core
+    :raises RuntimeError: if another call works in the same folder, or if a stage fails
+    """
+    names = list(dict.fromkeys(level_of(level).name for level in levels))
+    if not names:
+        raise ValueError("There is nothing to reproduce: name at least one level, such as GoToObj")
+    for what, number in (("seeds", seeds), ("cores", cores)):
+        if number < 1:
+            raise ValueError(f"The number of {what} is {number}: expected at least 1")
+    folder = out.resolve()
+    with locked(folder):
+        seconds = run_workflow(names, seeds, cores, folder)
+        summary = summarise(folder, names, seeds, seconds)
+        write_json(folder / "summary.json", summary)
+        command = f"sb3-guide reproduce {' '.join(names)} --seeds {seeds} --cores {cores} --out {out}"
+        write_report(folder, summary, command)
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """
+    Hold a folder, and be sure that no process of an earlier call works in it: neither before nor after.
+
+    :param folder: of the run
+    :raises RuntimeError: if another call holds it
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        with FileLock(folder / ".lock", timeout=0):
+            try:
+                end_leftovers(folder)
+                yield
+            finally:
+                end_leftovers(folder)
+    except Timeout:
+        raise RuntimeError(f"{folder} is in use by another reproduce: wait for it, or choose another folder") from None
+
+
+def end_leftovers(folder: Path) -> None:
+    """
+    Kill what a killed call left running. The stages can bear that: they go on from their checkpoints.
+
+    :param folder: of the run
+    """
+    while left := [
+        process
+        for process in psutil.process_iter(["environ"])
+        if (process.info["environ"] or {}).get(RUN_VARIABLE) == str(folder)
+    ]:
+        for process in left:
+            with suppress(psutil.NoSuchProcess):
+                process.kill()
+        psutil.wait_procs(left, timeout=10)
+
+
+def run_workflow(levels: Sequence[str], seeds: int, cores: int, folder: Path) -> float:
+    """
+    :param levels: names
+    :param seeds: how many
+    :param cores: of this machine
+    :param folder: of the run
+    :return: seconds that the run has taken, all calls that worked on it together
+    :raises RuntimeError: if a stage fails
+    """
+    command = [
+        *(sys.executable, "-m", "snakemake", "all", "--snakefile", str(SNAKEFILE), "--directory", str(folder)),
+        *("--config", f"levels=[{','.join(levels)}]", f"seeds={seeds}", "--cores", str(cores), "--scheduler", "greedy"),
+        # this call holds a lock of its own, which unlike Snakemake's ends with the process
+        *("--nolock", "--rerun-incomplete", "--rerun-triggers", "mtime", "params", "input", "--nocolor"),
+    ]
+    environment = {**os.environ, RUN_VARIABLE: str(folder), "TQDM_MININTERVAL": "1"}
+    stopwatch, log = Stopwatch(folder / "log" / "seconds.json"), folder / "log" / "snakemake.log"
+    process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    with closing(Display(folder, cores)) as display, log.open("w", buffering=1) as file:
+        for line in lines_of(process):
+            stopwatch.save()
+            file.write(line)
+            display.show(line)
+    if process.wait():
+        raise RuntimeError(f"The workflow stopped before its end, see {log}. The same command goes on from where it stopped")
+    return stopwatch.save()
+
+
+def lines_of(process: "subprocess.Popen[str]") -> Iterator[str]:
+    """
+    :param process: with a pipe as its standard output
+    :return: each line as it comes, and an empty one after every POLL_SECONDS of silence
+    """
+    lines: SimpleQueue[str | None] = SimpleQueue()
+
+    def read() -> None:
+        for line in process.stdout or ():
+            lines.put(line)
+        lines.put(None)
+
+    Thread(target=read, daemon=True).start()
+    while True:
+        try:
+            line = lines.get(timeout=POLL_SECONDS)
+        except Empty:
+            line = ""
+        if line is None:
+            return
+        yield line
+
+
+class Stopwatch:
+    """
+    Seconds that the calls of one run have taken together, those that were killed included.
+
+    :param path: where the sum is kept
+    """
+
+    def __init__(self, path: Path) -> None:
+        path.parent.mkdir(exist_ok=True)
+        self.path = path
+        self.before = float(read_json(path)) if path.exists() else 0.0
+        self.start = time.monotonic()
+
+    def save(self) -> float:
+        """:return: the sum up to now, which is written down too"""
+        seconds = self.before + time.monotonic() - self.start
+        write_json(self.path, round(seconds, 1))
+        return seconds

@@ -1,0 +1,158 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+from filelock import FileLock
+
+from sb3_guide.experiments import reproduce as module
+from sb3_guide.experiments.reproduce import RUN_VARIABLE, end_leftovers, reproduce
+
+FAKE = Path(__file__).with_name("fake_stages.py")
+
+
+@pytest.fixture(scope="session")
+def workflow(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The packaged Snakefile, with stages that take a moment each."""
+    folder = tmp_path_factory.mktemp("workflow")
+    interpreter, snakefile = folder / "python", folder / "Snakefile"
+    interpreter.write_text(f'#!/bin/sh\nexec "{sys.executable}" "{FAKE}" "$@"\n')
+    interpreter.chmod(0o755)
+    snakefile.write_text(f'import sys\n\nsys.executable = "{interpreter}"\n\n\ninclude: "{module.SNAKEFILE}"\n')
+    return snakefile
+
+
+@pytest.fixture(autouse=True)
+def fake_stages(workflow: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "SNAKEFILE", workflow)
+
+
+@pytest.fixture(scope="session")
+def undisturbed(workflow: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """Summary of a run that nothing disturbs."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.setattr(module, "SNAKEFILE", workflow)
+        reproduce(["GoToObj"], seeds=1, cores=2, out=folder)
+    return summary_of(folder)
+
+
+def summary_of(folder: Path) -> dict[str, Any]:
+    """The summary without its times."""
+    summary: dict[str, Any] = json.loads((folder / "summary.json").read_text())
+    return {key: value for key, value in summary.items() if not key.endswith("seconds")}
+
+
+def start(workflow: Path, folder: Path, seconds: float) -> "subprocess.Popen[bytes]":
+    """Reproduce in a process of its own, with stages of so many seconds."""
+    code = (
+        "from pathlib import Path; from sb3_guide.experiments import reproduce as module;"
+        f"module.SNAKEFILE = Path({str(workflow)!r}); module.reproduce(['GoToObj'], 1, 2, Path({str(folder)!r}))"
+    )
+    environment = {**os.environ, "FAKE_SECONDS": str(seconds)}
+    return subprocess.Popen([sys.executable, "-c", code], env=environment, stderr=subprocess.PIPE, start_new_session=True)
+
+
+def wait_for(path: Path, process: "subprocess.Popen[bytes]") -> None:
+    while not path.exists():
+        assert process.poll() is None, process.stderr and process.stderr.read().decode()
+        time.sleep(0.02)
+
+
+def processes_of(folder: Path) -> list[psutil.Process]:
+    return [
+        process
+        for process in psutil.process_iter(["environ"])
+        if (process.info["environ"] or {}).get(RUN_VARIABLE) == str(folder)
+    ]
+
+
+def test_a_run_ends_with_its_summary(undisturbed: dict[str, Any]) -> None:
+    assert undisturbed["level"] == "GoToObj"
+    assert undisturbed["seeds"] == [0]
+
+
+def test_one_core_gives_the_same_summary_and_seeds_can_be_added(undisturbed: dict[str, Any], tmp_path: Path) -> None:
+    reproduce(["GuideGrid-GoToObj-v0", "GoToObj"], seeds=1, cores=1, out=tmp_path)
+    assert summary_of(tmp_path) == undisturbed
+    finished = tmp_path / "GoToObj" / "seed0" / "guided" / "run.json"
+    before = finished.stat().st_mtime_ns
+    reproduce(["GoToObj"], seeds=2, cores=2, out=tmp_path)
+    assert finished.stat().st_mtime_ns == before
+    assert summary_of(tmp_path)["seeds"] == [0, 1]
+
+
+def test_a_run_that_is_killed_again_and_again_ends_with_the_same_summary(
+    workflow: Path, undisturbed: dict[str, Any], tmp_path: Path
+) -> None:
+    def until(stage: str) -> "subprocess.Popen[bytes]":
+        process = start(workflow, tmp_path, seconds=0.5)
+        wait_for(tmp_path / "log" / "GoToObj" / f"{stage}.log", process)
+        return process
+
+    process = until("demos/validation")
+    process.kill()  # alone: Snakemake and a stage are still there when the next call comes
+    process.wait()
+    process = until("seed0/guide")
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    process = until("seed0/analysis/guide")
+    process.send_signal(signal.SIGINT)
+    assert process.wait() != 0
+    assert processes_of(tmp_path) == []
+    reproduce(["GoToObj"], seeds=1, cores=2, out=tmp_path)
+    assert summary_of(tmp_path) == undisturbed
+
+
+def test_what_a_killed_run_left_is_ended_and_nothing_else(tmp_path: Path) -> None:
+    for name in ("run", "other"):
+        subprocess.Popen(["sleep", "60"], env={**os.environ, RUN_VARIABLE: str(tmp_path / name)})
+    while not all(processes_of(tmp_path / name) for name in ("run", "other")):
+        time.sleep(0.01)  # the kernel shows a process before its environment
+    end_leftovers(tmp_path / "run")
+    assert processes_of(tmp_path / "run") == []
+    assert len(processes_of(tmp_path / "other")) == 1
+    end_leftovers(tmp_path / "other")
+
+
+def test_a_failing_stage_shows_the_end_of_its_log(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("FAKE_FAILURE", "guide")
+    with pytest.raises(RuntimeError, match="The same command goes on"):
+        reproduce(["GoToObj"], seeds=1, cores=2, out=tmp_path)
+    shown = capsys.readouterr().err
+    assert "GoToObj/seed0/guide: FAILED" in shown
+    assert "made of cheese" in shown
+    assert str(tmp_path / "log" / "GoToObj" / "seed0" / "guide.log") in shown
+    monkeypatch.delenv("FAKE_FAILURE")
+    reproduce(["GoToObj"], seeds=1, cores=2, out=tmp_path)
+    assert (tmp_path / "report.html").exists()
+
+
+def test_two_runs_in_one_folder_are_refused(tmp_path: Path) -> None:
+    with FileLock(tmp_path / ".lock"), pytest.raises(RuntimeError, match="in use by another reproduce"):
+        reproduce(["GoToObj"], seeds=1, cores=1, out=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("levels", "seeds", "cores", "message"),
+    [
+        (["GoToTheMoon"], 1, 1, "GoToTheMoon"),
+        ([], 1, 1, "at least one level"),
+        (["GoToObj"], 0, 1, "seeds is 0"),
+        (["GoToObj"], 1, -1, "cores is -1"),
+    ],
+)
+def test_wrong_arguments_are_refused_before_anything_is_made(
+    levels: list[str], seeds: int, cores: int, message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        reproduce(levels, seeds, cores, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
