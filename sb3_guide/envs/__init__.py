@@ -1,0 +1,38 @@
+"""
+BabyAI's levels on a compiled engine that is seed-for-seed Minigrid, for Gymnasium and for Stable-Baselines3.
+
+Importing this package registers every level as `GuideGrid-<Level>-v0`.
+"""
+
+import gymnasium
+
+from sb3_guide.envs.env import GuideGridEnv
+from sb3_guide.envs.levels import LEVELS, Level, level_of
+from sb3_guide.envs.spaces import ACTIONS, DEFAULT_HISTORY, observation_space
+from sb3_guide.envs.vec_env import GuideGridVecEnv
+from sb3_guide.envs.vocabulary import MISSION_LENGTH, VOCABULARY_SIZE, WORDS, decode, encode
+
+__all__ = [
+    "ACTIONS",
+    "DEFAULT_HISTORY",
+    "LEVELS",
+    "MISSION_LENGTH",
+    "VOCABULARY_SIZE",
+    "WORDS",
+    "GuideGridEnv",
+    "GuideGridVecEnv",
+    "Level",
+    "decode",
+    "encode",
+    "level_of",
+    "observation_space",
+]
+
+for _level in LEVELS.values():
+    if _level.env_id not in gymnasium.registry:
+        gymnasium.register(
+            _level.env_id,
+            entry_point="sb3_guide.envs.env:GuideGridEnv",
+            kwargs={"level": _level.name},
+            disable_env_checker=True,  # its warnings, about the images' shape, are expected
+        )

@@ -1,0 +1,219 @@
+"""A batch of worlds of one level: what the Gymnasium env and the SB3 VecEnv have in common."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from itertools import pairwise
+from threading import Timer
+from typing import Any
+
+import numpy as np
+
+from sb3_guide.envs.engine.kernel import Observations, entry_points, sources_digest
+from sb3_guide.envs.engine.state import WORLD
+from sb3_guide.envs.levels import Level
+from sb3_guide.envs.rendering import draw_frame
+from sb3_guide.envs.spaces import IMAGE_SHAPE
+from sb3_guide.envs.vocabulary import MISSION_LENGTH, decode
+
+N_ACTIONS = 7
+_WORD = (1 << 64) - 1
+_PATIENCE = 3.0  # seconds; loading compiled code takes less
+
+
+@contextmanager
+def _announced(entry_point: Any) -> Iterator[None]:
+    """Say what is going on if the first use of an entry point has to wait for the compiler."""
+    if entry_point.signatures:
+        yield
+        return
+    message = "sb3_guide: compiling the levels' engine, which takes about half a minute and happens once"
+    timer = Timer(_PATIENCE, print, args=(message,), kwargs={"file": sys.stderr, "flush": True})
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
+class Batch:
+    """
+    Worlds of one level, in arrays.
+
+    :param level: the level
+    :param size: how many worlds
+    :param history: how many images before the present one an observation holds
+    :param n_threads: how many threads share the work of a step
+    :raises ValueError: if a number is too small
+    """
+
+    def __init__(self, level: Level, size: int, history: int, n_threads: int = 1) -> None:
+        if size < 1:
+            raise ValueError(f"n_envs={size}: expected at least one world")
+        if history < 0:
+            raise ValueError(f"history={history}: expected 0 or more images")
+        if n_threads < 1:
+            raise ValueError(f"n_threads={n_threads}: expected at least one thread")
+        self.level = level
+        self.size = size
+        self.history = history
+        self.n_threads = min(n_threads, size)
+        self.worlds = np.zeros(size, dtype=WORLD)
+        self._rules = level.rules()
+        self._frames = np.zeros((size, history + 1, *IMAGE_SHAPE), dtype=np.uint8)
+        self.last_frames = np.zeros_like(self._frames)  # (size, history + 1, 7, 7, 3), where an episode ended
+        self._threads: ThreadPoolExecutor | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_threads": None}
+
+    def seed(self, index: int, seed: int | None) -> None:
+        """
+        Start a world's random stream anew.
+
+        :param index: which world
+        :param seed: as for Gymnasium; None takes entropy from the system
+        :raises ValueError: if the seed is negative
+        """
+        if seed is not None and seed < 0:
+            raise ValueError(f"seed={seed}: expected a non-negative integer")
+        self.set_generator(index, np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed))))
+
+    def generator(self, index: int) -> np.random.Generator:
+        """:return: a generator at the present state of a world's random stream"""
+        world = self.worlds[index]
+        high, low, increment_high, increment_low = (int(word) for word in world["stream"])
+        bits = np.random.PCG64()
+        bits.state = {
+            "bit_generator": "PCG64",
+            "state": {"state": high << 64 | low, "inc": increment_high << 64 | increment_low},
+            "has_uint32": int(world["has_uint32"]),
+            "uinteger": int(world["uinteger"]),
+        }
+        return np.random.Generator(bits)
+
+    def set_generator(self, index: int, generator: np.random.Generator) -> None:
+        """
+        Take over a generator's state as a world's random stream.
+
+        :param index: which world
+        :param generator: a generator of PCG64, as Gymnasium makes them
+        :raises ValueError: if it is another one
+        """
+        state: Any = generator.bit_generator.state
+        if state["bit_generator"] != "PCG64":
+            raise ValueError(f"the generator is a {state['bit_generator']}: expected a PCG64, as Gymnasium makes")
+        words = state["state"]["state"], state["state"]["inc"]
+        self.worlds["stream"][index] = [part for word in words for part in (word >> 64, word & _WORD)]
+        self.worlds["has_uint32"][index] = state["has_uint32"]
+        self.worlds["uinteger"][index] = state["uinteger"]
+
+    def reset(self, chosen: np.ndarray) -> dict[str, np.ndarray]:
+        """
+        Begin new episodes.
+
+        :param chosen: (size,) bool, in which worlds
+        :return: the observations of all worlds, in new arrays
+        """
+        seen = self._new_observations()
+        self._run(entry_points(sources_digest()).reset, chosen, self.worlds, self._rules, self._frames, seen)
+        return self._observation(seen)
+
+    def step(self, actions: np.ndarray, go_on: bool) -> dict[str, np.ndarray]:
+        """
+        Act in all worlds. Rewards and ends of episodes are in `worlds`, last observations in `last_frames`.
+
+        :param actions: (size,) integers from 0 to 6
+        :param go_on: whether worlds whose episode ended begin a new one
+        :return: the observations of all worlds, in new arrays
+        :raises ValueError: if the actions are not valid, or a world was never reset
+        """
+        actions = self._checked(actions)
+        seen = self._new_observations()
+        step = entry_points(sources_digest()).step
+        self._run(step, go_on, self.worlds, self._rules, actions, self._frames, self.last_frames, seen)
+        return self._observation(seen)
+
+    def last_observations(self, indices: np.ndarray) -> list[dict[str, np.ndarray]]:
+        """:return: what the worlds at these indices showed at the end of their last episodes"""
+        frames, missions = self.last_frames[indices], self.worlds["last_mission"][indices]
+        members = {"image": frames[:, -1], "mission": missions}
+        if self.history:
+            members["history"] = frames[:, :-1]
+        return [{name: values[row] for name, values in members.items()} for row in range(len(indices))]
+
+    def mission(self, index: int) -> str:
+        """:return: a world's mission as text"""
+        return decode(self.worlds["mission"][index])
+
+    def picture(self, index: int) -> np.ndarray:
+        """:return: (height * 32, width * 32, 3) uint8, a world with the agent's view highlighted"""
+        if not self.worlds["started"][index]:
+            raise ValueError("a picture before the first reset: call reset() first")
+        return draw_frame(self.worlds[index], self._frames[index, -1], self.level)
+
+    def get_state(self) -> dict[str, np.ndarray]:
+        """:return: copies of everything that the worlds' future depends on, by name; all arrays are (size, ...)"""
+        return {**{name: self.worlds[name].copy() for name in self._names()}, "frames": self._frames.copy()}
+
+    def set_state(self, state: dict[str, np.ndarray]) -> None:
+        """
+        Take over a state of `get_state`, of the same level, size and history.
+
+        :param state: the arrays by name
+        :raises ValueError: if names, shapes or dtypes differ; the worlds are unchanged then
+        """
+        own = self.get_state()
+        if set(state) != set(own):
+            raise ValueError(f"the state's arrays are named {sorted(state)}: expected {sorted(own)}")
+        for name, array in state.items():
+            if array.shape != own[name].shape or array.dtype != own[name].dtype:
+                raise ValueError(
+                    f"the state's {name!r} is {array.dtype}{array.shape}: expected {own[name].dtype}{own[name].shape}, "
+                    "as get_state gives it for this level, number of worlds and history"
+                )
+        for name in self._names():
+            self.worlds[name] = state[name]
+        self._frames[:] = state["frames"]
+
+    @staticmethod
+    def _names() -> tuple[str, ...]:
+        return WORLD.names or ()
+
+    def _checked(self, actions: np.ndarray) -> np.ndarray:
+        actions = np.asarray(actions)
+        if actions.shape != (self.size,) or not np.issubdtype(actions.dtype, np.integer):
+            raise ValueError(f"actions are {actions.dtype}{actions.shape}: expected integers of shape ({self.size},)")
+        if actions.min() < 0 or actions.max() >= N_ACTIONS:
+            raise ValueError(f"actions from {actions.min()} to {actions.max()}: expected 0 to {N_ACTIONS - 1}")
+        if not self.worlds["started"].all():
+            raise ValueError("a step before the first reset: call reset() first")
+        return np.ascontiguousarray(actions, dtype=np.int64)
+
+    def _new_observations(self) -> Observations:
+        return Observations(
+            np.empty((self.size, *IMAGE_SHAPE), dtype=np.uint8),
+            np.empty((self.size, self.history, *IMAGE_SHAPE), dtype=np.uint8),
+            np.empty((self.size, MISSION_LENGTH), dtype=np.uint8),
+        )
+
+    def _observation(self, seen: Observations) -> dict[str, np.ndarray]:
+        observation = {"image": seen.image, "mission": seen.mission}
+        return {**observation, "history": seen.history} if self.history else observation
+
+    def _run(self, entry_point: Callable[..., object], *arguments: object) -> None:
+        """Call an entry point for all worlds, in equal shares for the threads."""
+        if self.n_threads == 1:
+            with _announced(entry_point):
+                entry_point(0, self.size, *arguments)
+            return
+        if self._threads is None:
+            self._threads = ThreadPoolExecutor(self.n_threads)
+        bounds = [self.size * share // self.n_threads for share in range(self.n_threads + 1)]
+        with _announced(entry_point):
+            shares = [self._threads.submit(entry_point, *ends, *arguments) for ends in pairwise(bounds)]
+            for share in shares:
+                share.result()

@@ -1,0 +1,59 @@
+"""What the agent sees: the 7 x 7 cells in front of it, rotated so that it looks up, with what walls and doors hide."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from sb3_guide.envs.engine.cells import AHEAD, EMPTY, OPAQUE, VIEW, decoding_table
+from sb3_guide.envs.engine.state import NOTHING, World
+
+_DECODED = decoding_table()
+_MIDDLE = VIEW // 2
+IMAGE_BYTES = VIEW * VIEW * 3
+
+
+def _spreading_table() -> np.ndarray:
+    """
+    Light enters a row of the view at some columns, spreads to both sides through clear cells, and goes on from every clear
+    cell to the three cells in front of it; Minigrid's sweep leaves out the last cell in its direction.
+
+    :return: (128, 128) int16, for the columns entered and the columns clear (bit i is column i): the columns seen in this
+        row, and from bit 7 on the columns entered in the next row
+    """
+    entered, clear = np.meshgrid(np.arange(1 << VIEW), np.arange(1 << VIEW), indexing="ij")
+    seen, onward = entered.copy(), np.zeros_like(entered)
+    sweeps = [(column, 1) for column in range(VIEW - 1)] + [(column, -1) for column in range(VIEW - 1, 0, -1)]
+    for column, step in sweeps:
+        shines = (seen & clear) >> column & 1
+        seen |= shines << column + step
+        onward |= shines << column | shines << column + step
+    return (seen | onward << VIEW).astype(np.int16)
+
+
+_SPREAD = _spreading_table()
+
+
+@njit
+def observe(world: World, image: np.ndarray) -> None:
+    """
+    Write the agent's view.
+
+    :param image: (7, 7, 3) uint8, column, row, and (type, colour, state); the agent is at column 3 of row 6
+    """
+    ahead, right = AHEAD[world.direction], AHEAD[(world.direction + 1) % 4]
+    entered = 1 << _MIDDLE
+    for row in range(VIEW - 1, -1, -1):
+        left_end = world.agent + ahead * (VIEW - 1 - row) - right * _MIDDLE
+        clear = 0
+        for column in range(VIEW):
+            clear |= (world.cells[left_end + right * column] < OPAQUE) << column
+        light = _SPREAD[entered, clear]
+        for column in range(VIEW):
+            cell = world.cells[left_end + right * column] if light >> column & 1 else 0
+            for channel in range(3):
+                image[column, row, channel] = _DECODED[cell, channel]
+        entered = light >> VIEW
+    held = EMPTY if world.carrying == NOTHING else world.look[world.carrying]
+    for channel in range(3):
+        image[_MIDDLE, VIEW - 1, channel] = _DECODED[held, channel]
