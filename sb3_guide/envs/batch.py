@@ -8,18 +8,20 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from itertools import pairwise
 from threading import Timer
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from sb3_guide.envs.engine.kernel import Observations, entry_points, sources_digest
+from sb3_guide.envs.engine.kernel import Outputs, entry_points
 from sb3_guide.envs.engine.state import WORLD
+from sb3_guide.envs.engine.view import IMAGE_BYTES
 from sb3_guide.envs.levels import Level
 from sb3_guide.envs.rendering import draw_frame
-from sb3_guide.envs.spaces import IMAGE_SHAPE
+from sb3_guide.envs.spaces import ACTIONS, IMAGE_SHAPE
 from sb3_guide.envs.vocabulary import MISSION_LENGTH, decode
 
-N_ACTIONS = 7
+Observation: TypeAlias = dict[str, np.ndarray]
+
 _WORD = (1 << 64) - 1
 _PATIENCE = 3.0  # seconds; loading compiled code takes less
 
@@ -63,8 +65,9 @@ class Batch:
         self.n_threads = min(n_threads, size)
         self.worlds = np.zeros(size, dtype=WORLD)
         self._rules = level.rules()
-        self._frames = np.zeros((size, history + 1, *IMAGE_SHAPE), dtype=np.uint8)
-        self.last_frames = np.zeros_like(self._frames)  # (size, history + 1, 7, 7, 3), where an episode ended
+        self._frames = np.zeros((size, (history + 1) * IMAGE_BYTES), dtype=np.uint8)
+        self._last_frames = np.zeros_like(self._frames)  # where an episode ended
+        self._started = False
         self._threads: ThreadPoolExecutor | None = None
 
     def __getstate__(self) -> dict[str, Any]:
@@ -111,36 +114,35 @@ class Batch:
         self.worlds["has_uint32"][index] = state["has_uint32"]
         self.worlds["uinteger"][index] = state["uinteger"]
 
-    def reset(self, chosen: np.ndarray) -> dict[str, np.ndarray]:
+    def reset(self) -> Observation:
         """
-        Begin new episodes.
+        Begin new episodes in all worlds.
 
-        :param chosen: (size,) bool, in which worlds
-        :return: the observations of all worlds, in new arrays
+        :return: the observations, in new arrays
         """
-        seen = self._new_observations()
-        self._run(entry_points(sources_digest()).reset, chosen, self.worlds, self._rules, self._frames, seen)
-        return self._observation(seen)
+        out = self._new_outputs()
+        self._run(entry_points().reset, self.worlds, self._rules, self._frames, out)
+        self._started = True
+        return self._observation(out)
 
-    def step(self, actions: np.ndarray, go_on: bool) -> dict[str, np.ndarray]:
+    def step(self, actions: np.ndarray, go_on: bool) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray]:
         """
-        Act in all worlds. Rewards and ends of episodes are in `worlds`, last observations in `last_frames`.
+        Act in all worlds.
 
         :param actions: (size,) integers from 0 to 6
         :param go_on: whether worlds whose episode ended begin a new one
-        :return: the observations of all worlds, in new arrays
-        :raises ValueError: if the actions are not valid, or a world was never reset
+        :return: the observations, (size,) float64 rewards, (size,) bool terminated and truncated, in new arrays
+        :raises ValueError: if the actions are not valid, or the worlds were never reset
         """
-        actions = self._checked(actions)
-        seen = self._new_observations()
-        step = entry_points(sources_digest()).step
-        self._run(step, go_on, self.worlds, self._rules, actions, self._frames, self.last_frames, seen)
-        return self._observation(seen)
+        actions, out = self._checked(actions), self._new_outputs()
+        step = entry_points().step
+        self._run(step, go_on, self.worlds, self._rules, actions, self._frames, self._last_frames, out)
+        return self._observation(out), out.reward, out.terminated, out.truncated
 
-    def last_observations(self, indices: np.ndarray) -> list[dict[str, np.ndarray]]:
+    def last_observations(self, indices: np.ndarray) -> list[Observation]:
         """:return: what the worlds at these indices showed at the end of their last episodes"""
-        frames, missions = self.last_frames[indices], self.worlds["last_mission"][indices]
-        members = {"image": frames[:, -1], "mission": missions}
+        frames = self._last_frames[indices].reshape(-1, self.history + 1, *IMAGE_SHAPE)
+        members = {"image": frames[:, -1], "mission": self.worlds["last_mission"][indices]}
         if self.history:
             members["history"] = frames[:, :-1]
         return [{name: values[row] for name, values in members.items()} for row in range(len(indices))]
@@ -151,9 +153,9 @@ class Batch:
 
     def picture(self, index: int) -> np.ndarray:
         """:return: (height * 32, width * 32, 3) uint8, a world with the agent's view highlighted"""
-        if not self.worlds["started"][index]:
+        if not self._started:
             raise ValueError("a picture before the first reset: call reset() first")
-        return draw_frame(self.worlds[index], self._frames[index, -1], self.level)
+        return draw_frame(self.worlds[index], self._frames[index, -IMAGE_BYTES:].reshape(IMAGE_SHAPE), self.level)
 
     def get_state(self) -> dict[str, np.ndarray]:
         """:return: copies of everything that the worlds' future depends on, by name; all arrays are (size, ...)"""
@@ -178,6 +180,7 @@ class Batch:
         for name in self._names():
             self.worlds[name] = state[name]
         self._frames[:] = state["frames"]
+        self._started = bool((self.worlds["max_steps"] > 0).all())
 
     @staticmethod
     def _names() -> tuple[str, ...]:
@@ -187,22 +190,27 @@ class Batch:
         actions = np.asarray(actions)
         if actions.shape != (self.size,) or not np.issubdtype(actions.dtype, np.integer):
             raise ValueError(f"actions are {actions.dtype}{actions.shape}: expected integers of shape ({self.size},)")
-        if actions.min() < 0 or actions.max() >= N_ACTIONS:
-            raise ValueError(f"actions from {actions.min()} to {actions.max()}: expected 0 to {N_ACTIONS - 1}")
-        if not self.worlds["started"].all():
+        if actions.min() < 0 or actions.max() >= len(ACTIONS):
+            raise ValueError(f"actions from {actions.min()} to {actions.max()}: expected 0 to {len(ACTIONS) - 1}")
+        if not self._started:
             raise ValueError("a step before the first reset: call reset() first")
         return np.ascontiguousarray(actions, dtype=np.int64)
 
-    def _new_observations(self) -> Observations:
-        return Observations(
-            np.empty((self.size, *IMAGE_SHAPE), dtype=np.uint8),
-            np.empty((self.size, self.history, *IMAGE_SHAPE), dtype=np.uint8),
+    def _new_outputs(self) -> Outputs:
+        return Outputs(
+            np.empty((self.size, IMAGE_BYTES), dtype=np.uint8),
+            np.empty((self.size, self.history * IMAGE_BYTES), dtype=np.uint8),
             np.empty((self.size, MISSION_LENGTH), dtype=np.uint8),
+            np.empty(self.size),
+            np.empty(self.size, dtype=np.bool_),
+            np.empty(self.size, dtype=np.bool_),
         )
 
-    def _observation(self, seen: Observations) -> dict[str, np.ndarray]:
-        observation = {"image": seen.image, "mission": seen.mission}
-        return {**observation, "history": seen.history} if self.history else observation
+    def _observation(self, out: Outputs) -> Observation:
+        observation = {"image": out.image.reshape(self.size, *IMAGE_SHAPE), "mission": out.mission}
+        if self.history:
+            observation["history"] = out.history.reshape(self.size, self.history, *IMAGE_SHAPE)
+        return observation
 
     def _run(self, entry_point: Callable[..., object], *arguments: object) -> None:
         """Call an entry point for all worlds, in equal shares for the threads."""

@@ -7,12 +7,10 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from sb3_guide.envs.batch import Batch
+from sb3_guide.envs.batch import Batch, Observation
 from sb3_guide.envs.levels import level_of
 from sb3_guide.envs.rendering import Window, checked_render_mode
 from sb3_guide.envs.spaces import DEFAULT_HISTORY, action_space, observation_space
-
-Observation = dict[str, np.ndarray]
 
 
 class GuideGridEnv(gymnasium.Env[Observation, np.int64]):
@@ -54,7 +52,7 @@ class GuideGridEnv(gymnasium.Env[Observation, np.int64]):
             raise ValueError(f"seed={seed}: expected a non-negative integer")
         super().reset(seed=seed)
         self._batch.set_generator(0, self.np_random)
-        observation = self._batch.reset(np.ones(1, dtype=np.bool_))
+        observation = self._batch.reset()
         self.np_random.bit_generator.state = self._batch.generator(0).bit_generator.state
         self._show()
         return self._single(observation), {}
@@ -67,12 +65,11 @@ class GuideGridEnv(gymnasium.Env[Observation, np.int64]):
         :return: observation, reward, terminated, truncated, info
         :raises ValueError: if the action is not valid, or the env was never reset
         """
-        observation = self._batch.step(np.asarray(action).reshape(1), go_on=False)
-        world = self._batch.worlds[0]
-        terminated, truncated = bool(world["terminated"]), bool(world["truncated"])
+        observation, rewards, *ends = self._batch.step(np.asarray(action).reshape(1), go_on=False)
+        terminated, truncated = (bool(end[0]) for end in ends)
         self._show()
         info = {"is_success": terminated} if terminated or truncated else {}
-        return self._single(observation), float(world["reward"]), terminated, truncated, info
+        return self._single(observation), float(rewards[0]), terminated, truncated, info
 
     def render(self) -> Any:
         """
@@ -91,12 +88,12 @@ class GuideGridEnv(gymnasium.Env[Observation, np.int64]):
             self._window.close()
             self._window = None
 
-    def get_state(self) -> Observation:
+    def get_state(self) -> dict[str, np.ndarray]:
         """:return: the exact state of the world and its random stream, as of `GuideGridVecEnv.get_state`"""
         self._batch.set_generator(0, self.np_random)
         return self._batch.get_state()
 
-    def set_state(self, state: Observation) -> None:
+    def set_state(self, state: dict[str, np.ndarray]) -> None:
         """
         Take over a state of `get_state`.
 

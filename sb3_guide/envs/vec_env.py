@@ -12,8 +12,8 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
-from sb3_guide.envs.batch import Batch
-from sb3_guide.envs.env import GuideGridEnv, Observation
+from sb3_guide.envs.batch import Batch, Observation
+from sb3_guide.envs.env import GuideGridEnv
 from sb3_guide.envs.levels import Level, level_of
 from sb3_guide.envs.rendering import checked_render_mode
 from sb3_guide.envs.spaces import DEFAULT_HISTORY, action_space, observation_space
@@ -156,7 +156,7 @@ class GuideGridVecEnv(VecEnv):
         self._reset_seeds()
         self._reset_options()
         self.reset_infos = [{} for _ in range(self.num_envs)]
-        return self._batch.reset(np.ones(self.num_envs, dtype=np.bool_))
+        return self._batch.reset()
 
     def reset_to(self, seeds: np.ndarray) -> Observation:
         """
@@ -185,24 +185,23 @@ class GuideGridVecEnv(VecEnv):
         :return: observations, (n_envs,) float32 rewards, (n_envs,) bool dones, infos
         :raises ValueError: if the actions are not valid, or the env was never reset
         """
-        observations = self._batch.step(self._actions, go_on=True)
-        worlds = self._batch.worlds
-        dones = worlds["terminated"] | worlds["truncated"]
+        observations, rewards, terminated, truncated = self._batch.step(self._actions, go_on=True)
+        dones = terminated | truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         ended = np.flatnonzero(dones)
         for place, observation in zip(ended.tolist(), self._batch.last_observations(ended), strict=True):
-            success = bool(worlds["terminated"][place])
+            success = bool(terminated[place])
             infos[place].update(
                 {"terminal_observation": observation, "TimeLimit.truncated": not success, "is_success": success}
             )
             self.reset_infos[place] = {}
-        return observations, worlds["reward"].astype(np.float32), dones, infos
+        return observations, rewards.astype(np.float32), dones, infos
 
-    def get_state(self) -> Observation:
+    def get_state(self) -> dict[str, np.ndarray]:
         """:return: copies of the exact state of all worlds and their random streams, by name; arrays are (n_envs, ...)"""
         return self._batch.get_state()
 
-    def set_state(self, state: Observation) -> None:
+    def set_state(self, state: dict[str, np.ndarray]) -> None:
         """
         Take over a state of `get_state`. Observations of the present are not part of it: step or reset next.
 

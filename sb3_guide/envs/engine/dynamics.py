@@ -137,10 +137,10 @@ def verify(world: World, action: int) -> bool:
 
 
 @njit
-def advance(world: World, action: int) -> None:
-    """One step: act, verify, reward, and the limit of steps."""
+def advance(world: World, action: int) -> tuple[float, bool, bool]:
+    """:return: reward, terminated, truncated after the action"""
     world.steps += 1
     act(world, action)
-    world.terminated = verify(world, action)
-    world.truncated = world.steps >= world.max_steps
-    world.reward = 1 - 0.9 * (world.steps / world.max_steps) if world.terminated else 0.0
+    success = verify(world, action)
+    reward = 1 - 0.9 * (world.steps / world.max_steps) if success else 0.0
+    return reward, success, world.steps >= world.max_steps

@@ -1,7 +1,7 @@
 """
 The compiled entry points. They work on a range of worlds and release the GIL, so that threads can share a batch.
 
-Numba's cache of machine code looks at the file of the function only. `entry_points` therefore takes a digest of all the
+Numba's cache of machine code looks at the file of the function only. `_build` therefore takes a digest of all the
 engine's sources into the closure of the entry points, which is part of the cache's key.
 """
 
@@ -19,71 +19,76 @@ from numba import njit
 from sb3_guide.envs import vocabulary
 from sb3_guide.envs.engine.dynamics import advance
 from sb3_guide.envs.engine.recipes import start_episode
-from sb3_guide.envs.engine.state import Rules
+from sb3_guide.envs.engine.state import Rules, World
 from sb3_guide.envs.engine.view import IMAGE_BYTES, observe
 
 
-class Observations(NamedTuple):
+class Outputs(NamedTuple):
     """
-    Where the entry points write.
+    Where the entry points write, a row for every world.
 
-    :param image: (N, 7, 7, 3) uint8
-    :param history: (N, history, 7, 7, 3) uint8, the images before, oldest first
+    :param image: (N, 147) uint8, the (7, 7, 3) image
+    :param history: (N, history * 147) uint8, the images before, oldest first
     :param mission: (N, 72) uint8
+    :param reward: (N,) float64, of a step
+    :param terminated: (N,) bool, by a step
+    :param truncated: (N,) bool, by a step
     """
 
     image: np.ndarray
     history: np.ndarray
     mission: np.ndarray
+    reward: np.ndarray
+    terminated: np.ndarray
+    truncated: np.ndarray
 
 
 class EntryPoints(NamedTuple):
     """
     :param step: act, observe and, if asked, begin new episodes where the old ones ended
-    :param reset: begin new episodes in the chosen worlds, and observe
+    :param reset: begin new episodes and observe
     """
 
-    step: Callable[..., None]
-    reset: Callable[..., None]
+    step: Callable[..., int]
+    reset: Callable[..., int]
 
 
-def sources_digest() -> str:
-    """:return: a digest of everything that the compiled code depends on in this package"""
+def sources_digest() -> int:
+    """:return: a digest of everything in this package that the compiled code depends on"""
     files = [*sorted(Path(__file__).parent.glob("*.py")), Path(vocabulary.__file__)]
-    return hashlib.sha256(b"\0".join(file.read_bytes() for file in files)).hexdigest()
+    digest = hashlib.sha256(b"\0".join(file.read_bytes() for file in files)).digest()
+    return int.from_bytes(digest[:7], "big")
 
 
 @njit
-def begin(worlds: np.ndarray, index: int, rules: Rules, frames: np.ndarray) -> None:
+def copy_bytes(source: np.ndarray, target: np.ndarray) -> None:
+    """Copy a row. Numba's own assignment of arrays is many times slower, for it looks out for overlaps."""
+    for place in range(len(target)):
+        target[place] = source[place]
+
+
+@njit
+def begin(world: World, rules: Rules, frames: np.ndarray) -> None:
     """Begin an episode: no image has been seen before the first one."""
-    start_episode(worlds[index], rules)
-    frames[index] = 0
-    observe(worlds[index], frames[index, -1])
+    start_episode(world, rules)
+    frames[:] = 0
+    observe(world, frames[-IMAGE_BYTES:])
 
 
 @njit
-def shift(frames: np.ndarray) -> None:
-    """Forget the oldest frame; the newest one is doubled until it is overwritten."""
-    bytes_in_order = frames.reshape(-1)
-    for place in range(len(bytes_in_order) - IMAGE_BYTES):
-        bytes_in_order[place] = bytes_in_order[place + IMAGE_BYTES]
-
-
-@njit
-def publish(worlds: np.ndarray, index: int, frames: np.ndarray, seen: Observations) -> None:
+def publish(world: World, frames: np.ndarray, index: int, out: Outputs) -> None:
     """Copy a world's observation to where the caller keeps it."""
-    seen.image[index] = frames[index, -1]
-    seen.history[index] = frames[index, :-1]
-    seen.mission[index] = worlds[index].mission
+    copy_bytes(frames, out.history[index])
+    copy_bytes(frames[-IMAGE_BYTES:], out.image[index])
+    copy_bytes(world.mission, out.mission[index])
 
 
-@cache
-def entry_points(sources: str) -> EntryPoints:
+def _build(digest: int) -> EntryPoints:
     """
-    Compile, or load what is cached, when first called with arrays.
+    Define the entry points; they are compiled, or loaded, when first called.
 
-    :param sources: what `sources_digest` returns
-    :return: the entry points
+    :param digest: of the sources
+    :return: the entry points, which return the digest
     """
 
     @njit(nogil=True, cache=True)
@@ -91,39 +96,44 @@ def entry_points(sources: str) -> EntryPoints:
         start: int,
         stop: int,
         go_on: bool,
-        worlds: np.ndarray,
-        rules: np.ndarray,
-        actions: np.ndarray,
-        frames: np.ndarray,
-        last_frames: np.ndarray,
-        seen: Observations,
-    ) -> str:
+        worlds: np.ndarray,  # (N,) WORLD
+        rules: np.ndarray,  # (1,) RULES
+        actions: np.ndarray,  # (N,) int64
+        frames: np.ndarray,  # (N, (history + 1) * 147) uint8, the images of `Outputs` in order
+        last_frames: np.ndarray,  # the same, where an episode ended
+        out: Outputs,
+    ) -> int:
         for index in range(start, stop):
-            world = worlds[index]
-            advance(world, actions[index])
-            shift(frames[index])
-            observe(world, frames[index, -1])
-            if go_on and (world.terminated or world.truncated):
-                last_frames[index] = frames[index]
-                world.last_mission[:] = world.mission
-                begin(worlds, index, rules[0], frames)
-            publish(worlds, index, frames, seen)
-        return sources
+            world, seen = worlds[index], frames[index]
+            reward, terminated, truncated = advance(world, actions[index])
+            out.reward[index], out.terminated[index], out.truncated[index] = reward, terminated, truncated
+            copy_bytes(seen[IMAGE_BYTES:], seen[:-IMAGE_BYTES])  # forwards, so the overlap does no harm
+            observe(world, seen[-IMAGE_BYTES:])
+            if go_on and (terminated or truncated):
+                copy_bytes(seen, last_frames[index])
+                copy_bytes(world.mission, world.last_mission)
+                begin(world, rules[0], seen)
+            publish(world, seen, index, out)
+        return digest
 
     @njit(nogil=True, cache=True)
     def reset(
         start: int,
         stop: int,
-        chosen: np.ndarray,
         worlds: np.ndarray,
         rules: np.ndarray,
         frames: np.ndarray,
-        seen: Observations,
-    ) -> str:
+        out: Outputs,
+    ) -> int:
         for index in range(start, stop):
-            if chosen[index]:
-                begin(worlds, index, rules[0], frames)
-            publish(worlds, index, frames, seen)
-        return sources
+            begin(worlds[index], rules[0], frames[index])
+            publish(worlds[index], frames[index], index, out)
+        return digest
 
     return EntryPoints(step, reset)
+
+
+@cache
+def entry_points() -> EntryPoints:
+    """:return: the entry points for the sources as they are when first asked for"""
+    return _build(sources_digest())

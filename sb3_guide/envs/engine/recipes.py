@@ -309,5 +309,4 @@ def start_episode(world: World, rules: Rules) -> None:
     world.carrying = NOTHING
     world.steps = 0
     world.max_steps = steps_allowed(world, rules)
-    world.started = True
     write_mission(world)

@@ -29,12 +29,8 @@ WORLD = np.dtype(
         ("stream", np.uint64, (4,)),  # PCG64: high and low word of the state, high and low word of the increment
         ("has_uint32", np.uint32),  # whether a half word waits for the next draw
         ("uinteger", np.uint32),  # that half word
-        ("started", np.bool_),  # whether the world was ever reset
-        ("terminated", np.bool_),
-        ("truncated", np.bool_),
-        ("reward", np.float64),
         ("steps", np.int32),
-        ("max_steps", np.int32),
+        ("max_steps", np.int32),  # 0 before the first episode
         ("agent", np.int16),  # position
         ("direction", np.int8),  # right, down, left, up
         ("carrying", np.int8),  # object or NOTHING

@@ -35,11 +35,18 @@ _SPREAD = _spreading_table()
 
 
 @njit
+def write_cell(image: np.ndarray, column: int, row: int, cell: int) -> None:
+    """Write type, colour and state of a cell."""
+    for channel in range(3):
+        image[(column * VIEW + row) * 3 + channel] = _DECODED[cell, channel]
+
+
+@njit
 def observe(world: World, image: np.ndarray) -> None:
     """
     Write the agent's view.
 
-    :param image: (7, 7, 3) uint8, column, row, and (type, colour, state); the agent is at column 3 of row 6
+    :param image: (147,) uint8 in order of column, row, and (type, colour, state); the agent is at column 3 of row 6
     """
     ahead, right = AHEAD[world.direction], AHEAD[(world.direction + 1) % 4]
     entered = 1 << _MIDDLE
@@ -51,9 +58,6 @@ def observe(world: World, image: np.ndarray) -> None:
         light = _SPREAD[entered, clear]
         for column in range(VIEW):
             cell = world.cells[left_end + right * column] if light >> column & 1 else 0
-            for channel in range(3):
-                image[column, row, channel] = _DECODED[cell, channel]
+            write_cell(image, column, row, cell)
         entered = light >> VIEW
-    held = EMPTY if world.carrying == NOTHING else world.look[world.carrying]
-    for channel in range(3):
-        image[_MIDDLE, VIEW - 1, channel] = _DECODED[held, channel]
+    write_cell(image, _MIDDLE, VIEW - 1, EMPTY if world.carrying == NOTHING else world.look[world.carrying])
