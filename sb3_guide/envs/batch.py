@@ -29,7 +29,7 @@ _PATIENCE = 3.0  # seconds; loading compiled code takes less
 @contextmanager
 def _announced(entry_point: Any) -> Iterator[None]:
     """Say what is going on if the first use of an entry point has to wait for the compiler."""
-    if entry_point.signatures:
+    if entry_point.overloads:
         yield
         return
     message = "sb3_guide: compiling the levels' engine, which takes about half a minute and happens once"

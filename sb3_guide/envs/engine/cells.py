@@ -27,8 +27,8 @@ AHEAD = np.array([1, STRIDE, -1, -STRIDE])  # offset of the next cell to the rig
 
 
 def decoding_table() -> np.ndarray:
-    """:return: (256, 3) uint8, type, colour and state in the image for every code"""
-    codes = np.arange(256)
-    table = np.stack([codes & TYPE_BITS, codes >> 3 & TYPE_BITS, codes >> 6], axis=1).astype(np.uint8)
-    table[WALL, 2] = 0
-    return table
+    """:return: (256,) uint64, for every code its type, colour and state in the image, a byte each from the lowest on"""
+    codes = np.arange(256, dtype=np.uint64)
+    kind, colour, state = codes & TYPE_BITS, codes >> 3 & TYPE_BITS, codes >> 6
+    state[WALL] = 0
+    return kind | colour << 8 | state << 16
