@@ -63,7 +63,7 @@ def test_a_window_as_long_as_the_episode_equals_carried_memory(window_class, car
     with th.no_grad():
         for step, image in enumerate(images):
             distribution, state = carried.get_distribution(
-                {"image": image, "mission": mission}, state, th.full((2,), step == 0)
+                {"image": image, "mission": mission}, state, th.full((2,), float(step == 0))
             )
             expected = action_log_probs(in_window, {"image": image, "mission": mission, "history": history})
             assert th.allclose(distribution.distribution.logits.log_softmax(dim=-1), expected, atol=1e-5)
