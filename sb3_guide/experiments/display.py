@@ -13,6 +13,7 @@ FINISHED = re.compile(r"Finished jobid: (\d+)")
 FAILED = re.compile(r" +jobid: (\d+)")  # printed of failed jobs only, as every stage has a message
 TOTAL = re.compile(r"total +(\d+)")
 TAIL_BYTES, TAIL_LINES = 20_000, 20  # of a failed stage's log
+MOST_RUNNING = 8  # stages that are shown side by side
 
 
 class Display:
@@ -21,14 +22,18 @@ class Display:
     bar. Without a terminal it is a line for every stage that starts, finishes or fails.
 
     :param folder: of the run
-    :param cores: so many lines are kept for running stages
+    :param cores: so many stages can run side by side
     """
 
     def __init__(self, folder: Path, cores: int) -> None:
         self.folder = folder
+        self.failed: list[str] = []
         self.running: dict[str, tuple[str, Path, float]] = {}  # name, log and start of a stage by Snakemake's number of it
-        self.bar = tqdm(desc="stages", bar_format="{desc}: {n}/{total} |{bar}| {elapsed}", disable=None)
-        self.tails = [tqdm(bar_format="{desc}", position=line, leave=False, disable=None) for line in range(1, cores + 1)]
+        self.bar = tqdm(desc="planning", total=0, bar_format="{desc}: {n}/{total} |{bar}| {elapsed}", disable=None)
+        self.tails = [
+            tqdm(bar_format="{desc}", position=line, leave=False, disable=None)
+            for line in range(1, min(cores, MOST_RUNNING) + 1)
+        ]
 
     def close(self) -> None:
         """Leave the terminal as it should be."""
@@ -40,6 +45,7 @@ class Display:
         :param line: that Snakemake has printed; an empty one brings the display up to date
         """
         if match := TOTAL.match(line):
+            self.bar.set_description_str("stages", refresh=False)
             self.bar.reset(int(match[1]) - 1)  # one of Snakemake's jobs stands for all the others
         elif match := STARTED.match(line):
             self.running[match[1]] = match[3], self.folder / match[2], time.monotonic()
@@ -50,6 +56,7 @@ class Display:
             self.bar.update()
         elif (match := FAILED.match(line)) and match[1] in self.running:
             name, log, _ = self.running.pop(match[1])
+            self.failed.append(name)
             self.say("\n".join((f"{name}: FAILED. The end of {log}:", *last_lines(log)[-TAIL_LINES:])))
         self.refresh()
 

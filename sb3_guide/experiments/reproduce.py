@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
+from importlib.util import find_spec
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Thread
@@ -14,7 +15,8 @@ import psutil
 from filelock import FileLock, Timeout
 
 from sb3_guide.envs import level_of
-from sb3_guide.experiments.display import Display
+from sb3_guide.experiments.configs import load_config
+from sb3_guide.experiments.display import Display, last_lines
 from sb3_guide.experiments.report import write_report
 from sb3_guide.experiments.summary import summarise
 from sb3_guide.policies.folder import read_json, write_json
@@ -33,15 +35,11 @@ def reproduce(levels: Sequence[str], seeds: int, cores: int, out: Path) -> None:
     :param seeds: how often stages 2 and 3 are repeated, with the seeds 0, 1, ...; the expert is trained once a level
     :param cores: of this machine that may be used; results don't depend on it
     :param out: folder of the run, made if need be
-    :raises ValueError: for an unknown level, no level, or fewer than one seed or core
-    :raises RuntimeError: if another call works in the same folder, or if a stage fails
+    :raises ValueError: for an unknown level, one without hyper-parameters, no level, or fewer than one seed or core
+    :raises RuntimeError: if Snakemake isn't installed, another call works in the same folder, or a stage fails
     """
     names = list(dict.fromkeys(level_of(level).name for level in levels))
-    if not names:
-        raise ValueError("There is nothing to reproduce: name at least one level, such as GoToObj")
-    for what, number in (("seeds", seeds), ("cores", cores)):
-        if number < 1:
-            raise ValueError(f"The number of {what} is {number}: expected at least 1")
+    check_arguments(names, seeds, cores)
     folder = out.resolve()
     with locked(folder):
         seconds = run_workflow(names, seeds, cores, folder)
@@ -49,6 +47,21 @@ def reproduce(levels: Sequence[str], seeds: int, cores: int, out: Path) -> None:
         write_json(folder / "summary.json", summary)
         command = f"sb3-guide reproduce {' '.join(names)} --seeds {seeds} --cores {cores} --out {out}"
         write_report(folder, summary, command)
+    print(f"Done: see {out / 'report.html'}, and summary.json beside it.")
+
+
+def check_arguments(levels: Sequence[str], seeds: int, cores: int) -> None:
+    """:raises ValueError, RuntimeError: as :func:`reproduce` does, before anything is made"""
+    if not levels:
+        raise ValueError("There is nothing to reproduce: name at least one level, such as GoToObj")
+    for level in levels:
+        for stage in ("ppo", "bc"):
+            load_config(stage, level)
+    for what, number in (("seeds", seeds), ("cores", cores)):
+        if number < 1:
+            raise ValueError(f"The number of {what} is {number}: expected at least 1")
+    if find_spec("snakemake") is None:
+        raise RuntimeError("Snakemake isn't installed: pip install 'sb3-guide[experiments]', on Python 3.11 or newer")
 
 
 @contextmanager
@@ -112,7 +125,8 @@ def run_workflow(levels: Sequence[str], seeds: int, cores: int, folder: Path) ->
             file.write(line)
             display.show(line)
     if process.wait():
-        raise RuntimeError(f"The workflow stopped before its end, see {log}. The same command goes on from where it stopped")
+        reason = f"failed: {', '.join(display.failed)}" if display.failed else " ".join(last_lines(log)[-3:])
+        raise RuntimeError(f"The workflow stopped ({reason}), see {log}. The same command goes on from where it stopped")
     return stopwatch.save()
 
 

@@ -1,5 +1,7 @@
 import json
 import os
+import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -10,11 +12,15 @@ from typing import Any
 import psutil
 import pytest
 from filelock import FileLock
+from typer.core import TyperGroup
+from typer.main import get_command
 
 from sb3_guide.experiments import reproduce as module
+from sb3_guide.experiments.cli import app
 from sb3_guide.experiments.reproduce import RUN_VARIABLE, end_leftovers, reproduce
 
 FAKE = Path(__file__).with_name("fake_stages.py")
+PACKAGED = module.SNAKEFILE
 
 
 @pytest.fixture(scope="session")
@@ -125,7 +131,7 @@ def test_a_failing_stage_shows_the_end_of_its_log(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("FAKE_FAILURE", "guide")
-    with pytest.raises(RuntimeError, match="The same command goes on"):
+    with pytest.raises(RuntimeError, match="failed: GoToObj/seed0/guide"):
         reproduce(["GoToObj"], seeds=1, cores=2, out=tmp_path)
     shown = capsys.readouterr().err
     assert "GoToObj/seed0/guide: FAILED" in shown
@@ -134,6 +140,18 @@ def test_a_failing_stage_shows_the_end_of_its_log(
     monkeypatch.delenv("FAKE_FAILURE")
     reproduce(["GoToObj"], seeds=1, cores=2, out=tmp_path)
     assert (tmp_path / "report.html").exists()
+
+
+def test_the_workflow_speaks_the_command_line_of_the_stages(tmp_path: Path) -> None:
+    options = ["--directory", str(tmp_path), "--config", "levels=[GoToObj]", "seeds=1", "--dry-run", "--printshellcmds"]
+    snakemake = [sys.executable, "-m", "snakemake", "all", "--snakefile", str(PACKAGED), *options]
+    planned = subprocess.run(snakemake, check=True, capture_output=True, text=True).stdout
+    calls = re.findall(r"-m sb3_guide\.experiments\.cli (.*) > log/", planned)
+    assert len(calls) == 13
+    stages = get_command(app)
+    assert isinstance(stages, TyperGroup)
+    for name, *arguments in map(shlex.split, calls):
+        stages.commands[name].make_context(name, arguments)  # complains of what it doesn't know
 
 
 def test_two_runs_in_one_folder_are_refused(tmp_path: Path) -> None:
@@ -145,6 +163,7 @@ def test_two_runs_in_one_folder_are_refused(tmp_path: Path) -> None:
     ("levels", "seeds", "cores", "message"),
     [
         (["GoToTheMoon"], 1, 1, "GoToTheMoon"),
+        (["GoToObj", "BossLevel"], 1, 1, "no entry GuideGrid-BossLevel-v0"),
         ([], 1, 1, "at least one level"),
         (["GoToObj"], 0, 1, "seeds is 0"),
         (["GoToObj"], 1, -1, "cores is -1"),
