@@ -12,6 +12,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from sb3_guide.envs.consistency import problem_of
 from sb3_guide.envs.engine.kernel import Outputs, entry_points
 from sb3_guide.envs.engine.state import WORLD
 from sb3_guide.envs.engine.view import IMAGE_BYTES
@@ -166,7 +167,7 @@ class Batch:
         Take over a state of `get_state`, of the same level, size and history.
 
         :param state: the arrays by name
-        :raises ValueError: if names, shapes or dtypes differ; the worlds are unchanged then
+        :raises ValueError: if names, shapes, dtypes or values are not possible; the worlds are unchanged then
         """
         own = self.get_state()
         if set(state) != set(own):
@@ -177,6 +178,9 @@ class Batch:
                     f"the state's {name!r} is {array.dtype}{array.shape}: expected {own[name].dtype}{own[name].shape}, "
                     "as get_state gives it for this level, number of worlds and history"
                 )
+        problem = problem_of(state, self.level)
+        if problem:
+            raise ValueError(f"the state cannot be one of {self.level.name}: {problem}")
         for name in self._names():
             self.worlds[name] = state[name]
         self._frames[:] = state["frames"]

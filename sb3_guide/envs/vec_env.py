@@ -206,7 +206,7 @@ class GuideGridVecEnv(VecEnv):
         Take over a state of `get_state`. Observations of the present are not part of it: step or reset next.
 
         :param state: arrays by name, of the same level, number of worlds and history
-        :raises ValueError: if names, shapes or dtypes differ; the worlds are unchanged then
+        :raises ValueError: if names, shapes, dtypes or values are not possible; the worlds are unchanged then
         """
         self._batch.set_state(state)
 

@@ -4,30 +4,37 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from minigrid.utils.baby_ai_bot import BabyAIBot
 
 from sb3_guide.envs import LEVELS, GuideGridEnv
-from tests.envs.oracle import mixed_actions, oracle, stream
-
-SEEDS = (0, 1, 2, 17, 123456789)
-STEPS = 700
+from tests.envs.oracle import Twins, first_difference
 
 
 @pytest.mark.parametrize("level", LEVELS)
 def test_levels_are_minigrids(level: str) -> None:
-    """Image, mission, reward, ends and generator agree, through seeded and unseeded resets."""
-    theirs, ours = oracle(level), GuideGridEnv(level, history=0)
-    for seed in SEEDS:
-        (expected, _), (observation, _) = theirs.reset(seed=seed), ours.reset(seed=seed)
-        for action in mixed_actions(np.random.default_rng(seed), STEPS):
-            np.testing.assert_array_equal(observation["image"], expected["image"])
-            assert ours.mission == theirs.unwrapped.mission
-            assert stream(ours) == stream(theirs)
-            expected, *outcome, _ = theirs.step(action)
-            observation, *own_outcome, _ = ours.step(action)
-            assert own_outcome == outcome  # reward, terminated, truncated
-            if any(outcome[1:]):
-                np.testing.assert_array_equal(observation["image"], expected["image"])
-                (expected, _), (observation, _) = theirs.reset(), ours.reset()
+    """Image, direction, mission, reward, ends and generator agree, through seeded and unseeded resets."""
+    for seed, steps in ((0, 1000), (1, 500), (2, 200), (123456789, 200)):
+        assert first_difference(level, seed, steps) is None
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_many_first_missions_are_minigrids(level: str) -> None:
+    """One step suffices to compare what a seed draws."""
+    assert [first_difference(level, seed, steps=1) for seed in range(1000, 1100)] == [None] * 100
+
+
+@pytest.mark.parametrize("level", [level for level in LEVELS if level != "GoToImpUnlock"])  # its missions may be unsolvable
+def test_missions_are_accomplished_alike(level: str) -> None:
+    """Minigrid's bot solves them, so that every kind of mission is seen to its end."""
+    for seed in range(5):
+        twins = Twins(level)
+        assert twins.reset(seed=seed) is None
+        bot, action, over, success = BabyAIBot(twins.theirs), None, False, False
+        while not over:
+            action = bot.replan(action)
+            difference, success, over = twins.step(int(action))
+            assert difference is None
+        assert success
 
 
 def test_success_on_the_last_step_terminates_and_truncates() -> None:

@@ -14,7 +14,7 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
-from sb3_guide.envs import GuideGridEnv, GuideGridVecEnv, observation_space
+from sb3_guide.envs import LEVELS, GuideGridEnv, GuideGridVecEnv, observation_space
 from tests.envs.oracle import mixed_actions
 
 LEVEL = "GuideGrid-GoToLocal-v0"
@@ -158,6 +158,39 @@ def test_foreign_state_is_refused(spoil: str) -> None:
     with pytest.raises(ValueError, match="the state's"):
         env.set_state(state)
     assert_same(env.get_state(), before)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("agent", 32 * 6), ("agent", 32_000), ("direction", 4), ("carrying", 0), ("position", 7), ("cells", 1), ("mission", 99)],
+)
+def test_impossible_state_is_refused(name: str, value: int) -> None:
+    """The engine would leave its arrays."""
+    env = GuideGridVecEnv(LEVEL, N, seed=0)
+    env.reset()
+    state = env.get_state()
+    state[name][-1] = value
+    with pytest.raises(ValueError, match="cannot be one of GoToLocal"):
+        env.set_state(state)
+
+
+def test_state_of_another_level_is_refused() -> None:
+    """The arrays look alike, the walls do not."""
+    maze = GuideGridVecEnv("GoTo", N, seed=0)
+    maze.reset()
+    with pytest.raises(ValueError, match="walls are not those of GoToLocal"):
+        GuideGridVecEnv(LEVEL, N).set_state(maze.get_state())
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_states_of_play_are_accepted(level: str) -> None:
+    """Whatever happened: doors opened, boxes destroyed, objects carried."""
+    env = GuideGridVecEnv(level, 20, seed=0)
+    env.set_state(env.get_state())
+    env.reset()
+    for actions in actions_of(150, worlds=20):
+        env.set_state(env.get_state())
+        env.step(actions)
 
 
 @pytest.mark.parametrize(
