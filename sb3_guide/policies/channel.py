@@ -77,6 +77,10 @@ class MessageDecoder(nn.Module):
         self.cell = nn.GRUCell(symbol, memory)
         self.logits = nn.Linear(memory, shape.vocabulary_size)
         self.inverse_temperature = nn.Linear(memory, 1)
+        # All messages are equally probable at first. Else every frame tends to agree on one before it can mean anything.
+        for layer in (self.logits, self.inverse_temperature):
+            nn.init.zeros_(layer.weight)
+            nn.init.zeros_(layer.bias)
 
     def start(self, memory: th.Tensor) -> th.Tensor:
         """:return: (K, vocabulary_size) the symbol before the first one, which is w0"""

@@ -13,15 +13,12 @@ from sb3_guide.callbacks.communication import carried_state
 from sb3_guide.envs import GuideGridVecEnv
 from sb3_guide.metrics import cic
 from sb3_guide.policies import GuidePolicy, PretrainedGuide, RecurrentGuidePolicy, save_agent
+from tests.callbacks.helpers import learn_and_log
 from tests.policies.helpers import make_policy, random_images, random_missions
 
 LEVEL = "GuideGrid-GoToObj-v0"
 KEYS = {"guide/cic", "guide/uniform_cic", "guide/message_entropy"}
 SHORT = {"n_steps": 16, "seed": 0}
-
-
-def logged(model) -> dict[str, float]:
-    return {name: value for name, value in model.logger.name_to_value.items() if name.startswith("guide/")}
 
 
 @pytest.mark.parametrize("algorithm", [PPO, A2C, RecurrentPPO])
@@ -31,8 +28,8 @@ def test_it_drops_into_any_on_policy_algorithm(algorithm, guided, tmp_path):
     policy_kwargs = {"guide": PretrainedGuide.from_folder(tmp_path)} if guided else {}
     policy = "GuidedLearnerPolicy" if guided else "GuidePolicy"
     model = algorithm(policy, GuideGridVecEnv(LEVEL, 4), policy_kwargs=policy_kwargs, **SHORT)
-    model.learn(64, callback=[CICCallback()])
-    values = logged(model)
+    (row,) = learn_and_log(model, 64, [CICCallback()])[:1]
+    values = {name: value for name, value in row.items() if name.startswith("guide/")}
     assert values.keys() == KEYS
     assert 0 <= values["guide/cic"] <= values["guide/message_entropy"] <= math.log(9) + 1e-6
 
@@ -47,10 +44,8 @@ def test_training_is_the_same_with_and_without_it():
 
 def test_every_so_many_rollouts():
     model = PPO("GuidePolicy", GuideGridVecEnv(LEVEL, 4), batch_size=32, **SHORT)
-    model.learn(64, callback=[CICCallback(every_n_rollouts=2)])
-    assert not logged(model)
-    model.learn(128, callback=[CICCallback(every_n_rollouts=2)])
-    assert logged(model).keys() == KEYS
+    rows = learn_and_log(model, 5 * 64, [CICCallback(every_n_rollouts=2)])
+    assert ["guide/cic" in row for row in rows] == [False, True, False, True, False]
 
 
 def test_carried_memory_is_what_the_policy_had_at_the_frame():

@@ -7,6 +7,7 @@ from stable_baselines3 import A2C, PPO
 
 from sb3_guide.callbacks import SuccessRateCallback
 from sb3_guide.envs import GuideGridVecEnv
+from tests.callbacks.helpers import learn_and_log
 
 LEVEL = "GuideGrid-GoToObj-v0"
 
@@ -25,13 +26,12 @@ class Watched(SuccessRateCallback):
 @pytest.mark.parametrize("algorithm", [PPO, A2C, RecurrentPPO])
 def test_it_is_the_share_among_the_last_episodes(algorithm):
     callback = Watched()
-    model = algorithm("LearnerPolicy", GuideGridVecEnv(LEVEL, 8, seed=0), n_steps=100, seed=0, stats_window_size=10)
-    model.learn(800, callback=[callback])
-    assert len(callback.seen) > 10
-    assert model.logger.name_to_value["rollout/success_rate"] == np.mean(callback.seen[-10:])
+    model = algorithm("LearnerPolicy", GuideGridVecEnv(LEVEL, 8, seed=0), n_steps=100, seed=0, stats_window_size=5)
+    rows = learn_and_log(model, 800, [callback])
+    assert len(callback.seen) > 5
+    assert rows[-1]["rollout/success_rate"] == np.mean(callback.seen[-5:])
 
 
 def test_levels_that_do_not_tell_success_are_left_alone():
-    callback = SuccessRateCallback()
-    model = PPO("MlpPolicy", "CartPole-v1", n_steps=64, batch_size=64).learn(64, callback=callback)
-    assert "rollout/success_rate" not in model.logger.name_to_value
+    model = PPO("MlpPolicy", "CartPole-v1", n_steps=64, batch_size=64)
+    assert all("rollout/success_rate" not in row for row in learn_and_log(model, 64, SuccessRateCallback()))

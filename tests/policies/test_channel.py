@@ -11,7 +11,14 @@ SHAPE = MessageShape(length=2, vocabulary_size=3)
 @pytest.fixture
 def decoder() -> MessageDecoder:
     th.manual_seed(0)
-    return MessageDecoder(memory=8, symbol=4, shape=SHAPE)
+    decoder = MessageDecoder(memory=8, symbol=4, shape=SHAPE)
+    th.nn.init.normal_(decoder.logits.weight)
+    th.nn.init.normal_(decoder.inverse_temperature.weight)
+    return decoder
+
+
+def test_all_messages_are_equally_probable_at_first():
+    assert MessageDecoder(8, 4, SHAPE).log_probs(th.randn(5, 8)).exp().flatten().tolist() == pytest.approx([1 / 9] * 45)
 
 
 def test_messages_are_enumerated_in_the_order_of_their_index():
