@@ -1,6 +1,7 @@
 """The whole experiment with one call: the packaged Snakemake workflow, then summary and report."""
 
 import os
+import shlex
 import subprocess
 import sys
 import time
@@ -36,7 +37,7 @@ def reproduce(levels: Sequence[str], seeds: int, cores: int, out: Path) -> None:
     :param cores: of this machine that may be used; results don't depend on it
     :param out: folder of the run, made if need be
     :raises ValueError: for an unknown level, one without hyper-parameters, no level, or fewer than one seed or core
-    :raises RuntimeError: if Snakemake isn't installed, another call works in the same folder, or a stage fails
+    :raises RuntimeError: if Snakemake isn't installed, the folder is in use or can't be used, or a stage fails
     """
     names = list(dict.fromkeys(level_of(level).name for level in levels))
     check_arguments(names, seeds, cores)
@@ -45,8 +46,8 @@ def reproduce(levels: Sequence[str], seeds: int, cores: int, out: Path) -> None:
         seconds = run_workflow(names, seeds, cores, folder)
         summary = summarise(folder, names, seeds, seconds)
         write_json(folder / "summary.json", summary)
-        command = f"sb3-guide reproduce {' '.join(names)} --seeds {seeds} --cores {cores} --out {out}"
-        write_report(folder, summary, command)
+        command = ["sb3-guide", "reproduce", *names, "--seeds", str(seeds), "--cores", str(cores), "--out", str(out)]
+        write_report(folder, summary, shlex.join(command))
     print(f"Done: see {out / 'report.html'}, and summary.json beside it.")
 
 
@@ -69,19 +70,50 @@ def locked(folder: Path) -> Iterator[None]:
     """
     Hold a folder, and be sure that no process of an earlier call works in it: neither before nor after.
 
-    :param folder: of the run
-    :raises RuntimeError: if another call holds it
+    :param folder: of the run, made if need be
+    :raises RuntimeError: if another call holds it, or it can't be used
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    lock, owner = FileLock(folder / ".lock"), folder / ".owner.json"
     try:
-        with FileLock(folder / ".lock", timeout=0):
-            try:
-                end_leftovers(folder)
-                yield
-            finally:
-                end_leftovers(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            lock.acquire(timeout=0)
+        except Timeout:
+            lock.acquire(timeout=10 if end_abandoned(owner) else 0)
+        write_json(owner, {"pid": os.getpid(), "ancestors": ancestors(psutil.Process())})
     except Timeout:
         raise RuntimeError(f"{folder} is in use by another reproduce: wait for it, or choose another folder") from None
+    except OSError as error:
+        raise RuntimeError(f"{folder} can't be used ({error}): choose another folder") from error
+    try:
+        end_leftovers(folder)
+        yield
+    finally:
+        end_leftovers(folder)
+        lock.release()
+
+
+def end_abandoned(owner: Path) -> bool:
+    """
+    Kill the call that holds a folder if what started it is gone, as after a SIGKILL of make: nobody watches it any more.
+
+    :param owner: file in which the holder has put its process and the processes above it
+    :return: whether the folder will be free
+    """
+    try:
+        content = read_json(owner)
+        holder = psutil.Process(content["pid"])
+        if ancestors(holder) == content["ancestors"]:
+            return False
+        holder.kill()
+    except (FileNotFoundError, psutil.NoSuchProcess):
+        pass  # it is about to begin or to end
+    return True
+
+
+def ancestors(process: psutil.Process) -> list[int]:
+    """:return: numbers of the processes above this one, its parent first"""
+    return [parent.pid for parent in process.parents()]
 
 
 def end_leftovers(folder: Path) -> None:
@@ -118,7 +150,9 @@ def run_workflow(levels: Sequence[str], seeds: int, cores: int, folder: Path) ->
     ]
     environment = {**os.environ, RUN_VARIABLE: str(folder), "TQDM_MININTERVAL": "1"}
     stopwatch, log = Stopwatch(folder / "log" / "seconds.json"), folder / "log" / "snakemake.log"
-    process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    process = subprocess.Popen(
+        command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
     with closing(Display(folder, cores)) as display, log.open("w", buffering=1) as file:
         for line in lines_of(process):
             stopwatch.save()

@@ -11,13 +11,12 @@ from typing import Any
 
 import psutil
 import pytest
-from filelock import FileLock
 from typer.core import TyperGroup
 from typer.main import get_command
 
 from sb3_guide.experiments import reproduce as module
 from sb3_guide.experiments.cli import app
-from sb3_guide.experiments.reproduce import RUN_VARIABLE, end_leftovers, reproduce
+from sb3_guide.experiments.reproduce import RUN_VARIABLE, end_leftovers, locked, reproduce
 
 FAKE = Path(__file__).with_name("fake_stages.py")
 PACKAGED = module.SNAKEFILE
@@ -56,13 +55,14 @@ def summary_of(folder: Path) -> dict[str, Any]:
 
 
 def start(workflow: Path, folder: Path, seconds: float) -> "subprocess.Popen[bytes]":
-    """Reproduce in a process of its own, with stages of so many seconds."""
+    """Reproduce as make does, in a child of the process that is returned, with stages of so many seconds."""
     code = (
         "from pathlib import Path; from sb3_guide.experiments import reproduce as module;"
         f"module.SNAKEFILE = Path({str(workflow)!r}); module.reproduce(['GoToObj'], 1, 2, Path({str(folder)!r}))"
     )
     environment = {**os.environ, "FAKE_SECONDS": str(seconds)}
-    return subprocess.Popen([sys.executable, "-c", code], env=environment, stderr=subprocess.PIPE, start_new_session=True)
+    make = ["sh", "-c", '"$@"; exit $?', "make", sys.executable, "-c", code]
+    return subprocess.Popen(make, env=environment, stderr=subprocess.PIPE, start_new_session=True)
 
 
 def wait_for(path: Path, process: "subprocess.Popen[bytes]") -> None:
@@ -97,20 +97,26 @@ def test_one_core_gives_the_same_summary_and_seeds_can_be_added(undisturbed: dic
 def test_a_run_that_is_killed_again_and_again_ends_with_the_same_summary(
     workflow: Path, undisturbed: dict[str, Any], tmp_path: Path
 ) -> None:
-    def until(stage: str) -> "subprocess.Popen[bytes]":
-        process = start(workflow, tmp_path, seconds=0.5)
+    def until(stage: str, seconds: float = 0.5) -> "subprocess.Popen[bytes]":
+        process = start(workflow, tmp_path, seconds)
         wait_for(tmp_path / "log" / "GoToObj" / f"{stage}.log", process)
         return process
 
+    process = until("expert", seconds=60)
+    (caller,) = psutil.Process(process.pid).children()
+    process.kill()  # alone: what it called goes on
+    process.wait()
+    assert caller.is_running()
     process = until("demos/validation")
-    process.kill()  # alone: Snakemake and a stage are still there when the next call comes
+    assert not caller.is_running()
+    psutil.Process(process.pid).children()[0].kill()  # alone: Snakemake and a stage go on
     process.wait()
     process = until("seed0/guide")
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     process = until("seed0/analysis/guide")
-    process.send_signal(signal.SIGINT)
-    assert process.wait() != 0
+    os.killpg(process.pid, signal.SIGINT)
+    process.wait()
     assert processes_of(tmp_path) == []
     reproduce(["GoToObj"], seeds=1, cores=2, out=tmp_path)
     assert summary_of(tmp_path) == undisturbed
@@ -155,8 +161,14 @@ def test_the_workflow_speaks_the_command_line_of_the_stages(tmp_path: Path) -> N
 
 
 def test_two_runs_in_one_folder_are_refused(tmp_path: Path) -> None:
-    with FileLock(tmp_path / ".lock"), pytest.raises(RuntimeError, match="in use by another reproduce"):
+    with locked(tmp_path), pytest.raises(RuntimeError, match="in use by another reproduce"):
         reproduce(["GoToObj"], seeds=1, cores=1, out=tmp_path)
+
+
+def test_a_folder_that_is_none_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(RuntimeError, match="can't be used"):
+        reproduce(["GoToObj"], seeds=1, cores=1, out=tmp_path / "file")
 
 
 @pytest.mark.parametrize(
