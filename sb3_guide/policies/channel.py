@@ -77,10 +77,11 @@ class MessageDecoder(nn.Module):
         self.cell = nn.GRUCell(symbol, memory)
         self.logits = nn.Linear(memory, shape.vocabulary_size)
         self.inverse_temperature = nn.Linear(memory, 1)
-        # All messages are equally probable at first. Else every frame tends to agree on one before it can mean anything.
-        for layer in (self.logits, self.inverse_temperature):
-            nn.init.zeros_(layer.weight)
-            nn.init.zeros_(layer.bias)
+        # All messages are equally probable at first, and the temperature is high (4.0, of at most 5), so that gradients reach
+        # every symbol. Else all frames tend to agree on one message before it can mean anything, and none comes back from there.
+        for weights in (self.logits.weight, self.logits.bias, self.inverse_temperature.weight):
+            nn.init.zeros_(weights)
+        nn.init.constant_(self.inverse_temperature.bias, -3.0)
 
     def start(self, memory: th.Tensor) -> th.Tensor:
         """:return: (K, vocabulary_size) the symbol before the first one, which is w0"""

@@ -91,7 +91,7 @@ def test_every_agent_learns_what_to_do_about_what_it_sees(policy_class, tmp_path
     guided = {"guide": PretrainedGuide.from_folder(tmp_path)} if policy_class is RecurrentGuidedLearnerPolicy else {}
     policy, demonstrations = make_policy(policy_class, ortho_init=False, **guided), make_demonstrations([3, 2, 4, 3] * 8)
     actions = demonstrations.episodes.actions
-    actions[:] = 2 * (np.arange(len(actions)) % 3)
+    actions[:] = 2 * (np.arange(len(actions)) % 2)
     demonstrations.episodes.images[:] = actions[:, None, None, None]  # all cells show what to do
     demonstrations.episodes.images[:, 0] = 1  # but no image is all zeros
     algorithm, _ = episode_bc(policy, demonstrations, seed=0, **{**SETTINGS, "batch_size": 8, "learning_rate": 1e-3})
