@@ -35,7 +35,7 @@ STYLE: dict[Any, Any] = {
     "legend.frameon": False,
     "legend.fontsize": 10,
 }
-WIDTH = 5.2  # inches
+WIDTH, HEIGHT = 5.2, 3.9  # inches
 PANELS_A_ROW = 3
 
 
@@ -48,7 +48,7 @@ def success_figure(level: dict[str, Any]) -> str:
     :return: SVG
     """
     with mpl.rc_context(STYLE):
-        figure, axes = new_figure(3.3)
+        figure, (axes,) = new_figure()
         axes.axhline(level["expert"]["success_rate"], color=INK, linewidth=0.8, linestyle=(0, (1, 2)), label="expert")
         axes.axvspan(0.7, level["early"]["epochs"] + 0.3, color=FAINT, alpha=0.25, linewidth=0, label="first quarter")
         for agent, name, colour, marker in (("learner", "Learner", LEARNER, "o"), ("guided", "guided Learner", GUIDED, "s")):
@@ -73,17 +73,18 @@ def influence_figure(level: dict[str, Any]) -> str:
     :return: SVG
     """
     with mpl.rc_context(STYLE):
-        figure, axes = new_figure(3.3)
-        plot_curves(axes, level, "guided", "message_entropy", color=INK, marker="^", label="message entropy")
-        plot_curves(axes, level, "guided", "uniform_cic", color=UNIFORM, marker="o", label="CIC, uniform messages")
-        plot_curves(axes, level, "guided", "cic", color=GUIDED, marker="s", label="CIC")
+        figure, (upper, lower) = new_figure(rows=2)
+        plot_curves(upper, level, "guided", "message_entropy", color=INK, marker="^", label="message entropy")
+        plot_curves(upper, level, "guided", "cic", color=GUIDED, marker="s", label="CIC")
         trend = level["trends"]["cic"]
         if trend["slope"] is not None:
             epochs = epochs_of(level["guided"]["cic"])
             line = trend["intercept"] + trend["slope"] * epochs
-            axes.plot(epochs, line, color=GUIDED, linestyle="--", linewidth=1.2, label="linear trend of CIC")
-        axes.set_ylim(bottom=0)
-        axes.set_ylabel("nats")
+            upper.plot(epochs, line, color=GUIDED, linestyle="--", linewidth=1.2, label="linear trend of CIC")
+        plot_curves(lower, level, "guided", "uniform_cic", color=UNIFORM, marker="o", label="uniform CIC")
+        for axes in (upper, lower):
+            axes.set_ylim(bottom=0)
+            axes.set_ylabel("nats")
         figure.legend(loc="outside upper left", ncols=2)
         return to_svg(figure, f"influence {level['level']}")
 
@@ -114,21 +115,28 @@ def action_figure(analysis: dict[str, Any], messages: np.ndarray, colour: str, n
     :return: SVG
     """
     counts = np.array(analysis["counts"])  # messages, actions
-    probabilities, shares = conditional(counts), counts.sum(axis=1) / counts.sum()
+    probabilities = conditional(counts)
     taken = np.flatnonzero(counts.sum(axis=0))
     rows = -(-len(messages) // PANELS_A_ROW)
     with mpl.rc_context({**STYLE, "axes.grid": False}):
         figure = Figure(figsize=(WIDTH, rows * (0.62 + 0.24 * len(taken))), layout=ConstrainedLayoutEngine(hspace=0.1))
         panels = figure.subplots(rows, PANELS_A_ROW, sharex=True, sharey=True, squeeze=False).flat
         for panel, message in zip(panels, messages, strict=False):
-            share = f"{shares[message]:.0%}" if counts[message].any() else "not used"
-            panel.set_title(f"{analysis['messages'][message]} · {share}", fontsize=11, loc="left")
+            use = use_of(counts[message].sum(), counts.sum())
+            panel.set_title(f"{analysis['messages'][message]} · {use}", fontsize=11, loc="left")
             draw_bars(panel, probabilities[message, taken], colour)
         panels[0].set_yticks(range(len(taken)), [analysis["actions"][action] for action in taken])
         panels[0].invert_yaxis()
         for panel in panels[len(messages) :]:
             panel.set_axis_off()
         return to_svg(figure, name)
+
+
+def use_of(times: int, steps: int) -> str:
+    """:return: how much a message was used: its share of the steps, or how many times where that is below 1 %"""
+    if times == 0:
+        return "not used"
+    return f"{times} times" if times < 0.01 * steps else f"{times / steps:.0%}"
 
 
 def draw_bars(panel: Axes, probabilities: np.ndarray, colour: str) -> None:
@@ -147,13 +155,13 @@ def draw_bars(panel: Axes, probabilities: np.ndarray, colour: str) -> None:
     )
 
 
-def new_figure(height: float) -> tuple[Figure, Axes]:
-    """:return: a figure of this height in inches, and its only axes, with epochs below"""
-    figure = Figure(figsize=(WIDTH, height), layout="constrained")
-    axes = figure.subplots()
-    axes.set_xlabel("epoch")
-    axes.set_xmargin(0.03)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+def new_figure(rows: int = 1) -> tuple[Figure, list[Axes]]:
+    """:return: a figure and its axes one above the other, with epochs below"""
+    figure = Figure(figsize=(WIDTH, HEIGHT), layout="constrained")
+    axes = list(figure.subplots(rows, sharex=True, squeeze=False).flat)
+    axes[-1].set_xlabel("epoch")
+    axes[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes[-1].set_xmargin(0.03)
     return figure, axes
 
 

@@ -13,7 +13,7 @@ from markupsafe import Markup
 from PIL import Image
 
 from sb3_guide.experiments.figures import GUIDE, GUIDED, action_figure, influence_figure, success_figure
-from sb3_guide.experiments.findings import early_finding, influence_finding, percent, signed, training_finding
+from sb3_guide.experiments.findings import early_finding, influence_finding, nats, percent, signed, training_finding
 from sb3_guide.metrics import conditional
 from sb3_guide.policies.folder import read_json
 
@@ -46,7 +46,7 @@ def write_report(folder: Path, summary: dict[str, Any], command: str) -> None:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(percent=percent, signed=signed, duration=duration)
+    environment.filters.update(nats=nats, percent=percent, signed=signed, duration=duration)
     blocks = list(summary["levels"].values()) if "levels" in summary else [summary]
     page = environment.get_template("report.html.j2").render(
         levels=[level_content(folder / block["level"], block) for block in blocks],

@@ -2,7 +2,6 @@
 
 import csv
 import math
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -131,8 +130,10 @@ def stage_seconds(folder: Path, seeds: int) -> dict[str, float]:
     :param seeds: how many
     :return: seconds by stage, named by its folder or file inside the level's folder
     """
-    files = ["expert/run", *(f"demos/{split}" for split in ("train", "validation", "analysis")), "evaluation/expert"]
+    files = {name: name for name in ("demos/train", "demos/validation", "demos/analysis", "evaluation/expert")}
+    files["expert"] = "expert/run"
     for run in (f"seed{seed}" for seed in range(seeds)):
-        files += [f"{run}/{agent}/run" for agent in CURVES] + [f"{run}/evaluation/{agent}" for agent in CURVES]
-        files += [f"{run}/analysis/{agent}/analysis" for agent in ("guide", "guided")]
-    return {re.sub("/(run|analysis)$", "", file): read_json(folder / f"{file}.json")["seconds"] for file in files}
+        files |= {f"{run}/{agent}": f"{run}/{agent}/run" for agent in CURVES}
+        files |= {f"{run}/evaluation/{agent}": f"{run}/evaluation/{agent}" for agent in CURVES}
+        files |= {f"{run}/analysis/{agent}": f"{run}/analysis/{agent}/analysis" for agent in ("guide", "guided")}
+    return {name: read_json(folder / f"{file}.json")["seconds"] for name, file in files.items()}

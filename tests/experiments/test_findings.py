@@ -11,8 +11,8 @@ def level(*by_seed: float) -> dict[str, Any]:
     return {"early": early, "learner": {"curve": [0.5] * 12}}
 
 
-def influence(cic: list[float], uniform_cic: list[float]) -> dict[str, Any]:
-    guided = {"cic": cic, "uniform_cic": uniform_cic, "message_entropy": cic}
+def influence(cic: list[float], uniform_cic: list[float], entropy: float = 3.0) -> dict[str, Any]:
+    guided = {"cic": cic, "uniform_cic": uniform_cic, "message_entropy": [entropy] * len(cic)}
     return {"guided": guided, "trends": {name: trend(curve) for name, curve in guided.items()}}
 
 
@@ -60,6 +60,14 @@ def test_cic_is_read_together_with_uniform_cic(cic: list[float], uniform_cic: li
     found = influence_finding(influence(cic, uniform_cic))
     assert text in found
     assert f"from {cic[0]:.2f} to {cic[-1]:.2f} nats" in found
+
+
+@pytest.mark.parametrize(("uniform_cic", "text"), [([0.1, 0.4, 0.6], "more and more"), ([0.6, 0.4, 0.1], "less and less")])
+def test_a_certain_guide_leaves_uniform_cic_alone_to_be_read(uniform_cic: list[float], text: str) -> None:
+    found = influence_finding(influence([0.0006, 0.002, 0.0024], uniform_cic, entropy=0.03))
+    assert "The Guide is so certain" in found
+    assert text in found
+    assert "from 0.0006 to 0.0024 nats" in found
 
 
 def test_too_few_epochs_have_no_trend() -> None:

@@ -67,7 +67,7 @@ def test_the_page_says_what_a_reader_wants_to_know(page: str) -> None:
     for words in (
         "single seed, which proves nothing",
         "95&nbsp;% Wilson intervals",
-        "3 of 9 messages were never sent",
+        "left out: w1 w0, w2 w0, w2 w1 (3 of 9 messages)",
         "Never taken: pickup, drop, toggle, done",
         "sb3-guide reproduce &lt;GoToObj&gt;",
         "The whole run took 1:02:05",
