@@ -189,12 +189,9 @@ class GuideGridVecEnv(VecEnv):
         dones = terminated | truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         ended = np.flatnonzero(dones)
-        for place, observation in zip(ended.tolist(), self._batch.last_observations(ended), strict=True):
-            success = bool(terminated[place])
-            infos[place].update(
-                {"terminal_observation": observation, "TimeLimit.truncated": not success, "is_success": success}
-            )
-            self.reset_infos[place] = {}
+        last = self._batch.last_observations(ended) if len(ended) else []
+        for place, success, observation in zip(ended.tolist(), terminated[ended].tolist(), last, strict=True):
+            infos[place] = {"terminal_observation": observation, "TimeLimit.truncated": not success, "is_success": success}
         return observations, rewards.astype(np.float32), dones, infos
 
     def get_state(self) -> dict[str, np.ndarray]:
