@@ -44,7 +44,7 @@ def expert(
     level: Level,
     out: Annotated[Path, typer.Option(help="Folder for the agent.")],
     seed: Seed = 0,
-    threads: Threads = 2,
+    threads: Threads = 1,
     resume: Resume = False,
     config: Config = None,
 ) -> None:
