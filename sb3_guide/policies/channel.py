@@ -78,7 +78,7 @@ class MessageDecoder(nn.Module):
         self.logits = nn.Linear(memory, shape.vocabulary_size)
         self.inverse_temperature = nn.Linear(memory, 1)
         # All messages are equally probable at first, and the temperature is high (4.0, of at most 5), so that gradients reach
-        # every symbol. Else all frames tend to agree on one message before it can mean anything, and none comes back from there.
+        # every symbol. Else all frames tend to agree on one message before it can mean anything, and stay there.
         for weights in (self.logits.weight, self.logits.bias, self.inverse_temperature.weight):
             nn.init.zeros_(weights)
         nn.init.constant_(self.inverse_temperature.bias, -3.0)

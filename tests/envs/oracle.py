@@ -8,30 +8,9 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from minigrid.envs.babyai.core.roomgrid_level import RoomGridLevel
-from minigrid.envs.babyai.core.verifier import ObjDesc, PutNextInstr
 
 from sb3_guide.envs import GuideGridEnv
-
-
-class PutNext(RoomGridLevel):
-    """BabyAI's PutNext (ICLR 2019), which Minigrid does not register: PutNextLocal in a maze, objects not unique."""
-
-    def gen_mission(self) -> None:
-        """Draw the mission, in the order of the other levels with a maze."""
-        self.place_agent()
-        self.connect_all()
-        objects = self.add_distractors(num_distractors=18, all_unique=False)
-        self.check_objs_reachable()
-        moved, fixed = self._rand_subset(objects, 2)
-        self.instrs = PutNextInstr(ObjDesc(moved.type, moved.color), ObjDesc(fixed.type, fixed.color))
-
-
-def oracle(level: str, **kwargs: Any) -> gymnasium.Env:
-    """:return: Minigrid's env of the level"""
-    if level == "PutNext":
-        return PutNext(**kwargs)
-    return gymnasium.make(f"BabyAI-{level}-v0", disable_env_checker=True, **kwargs).unwrapped
+from sb3_guide.envs.bot import twin
 
 
 def stream(env: gymnasium.Env) -> dict[str, Any]:
@@ -52,7 +31,7 @@ class Twins:
     """
 
     def __init__(self, level: str) -> None:
-        self.theirs = oracle(level)
+        self.theirs = twin(level)
         self.ours = GuideGridEnv(level, history=0)
 
     def reset(self, **kwargs: int) -> str | None:

@@ -14,7 +14,8 @@ from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 import sb3_guide.envs
 from sb3_guide.envs import ACTIONS, DEFAULT_HISTORY, LEVELS, GuideGridEnv, level_of, observation_space
-from tests.envs.oracle import mixed_actions, oracle, stream
+from sb3_guide.envs.bot import twin
+from tests.envs.oracle import mixed_actions, stream
 
 
 @pytest.mark.parametrize("level", LEVELS)
@@ -88,7 +89,7 @@ def test_wrong_use_is_refused() -> None:
 
 def test_np_random_is_the_engines_generator() -> None:
     """Draws and assignments of the user change the next episode as in Minigrid."""
-    theirs, ours = oracle("GoToLocal"), GuideGridEnv("GoToLocal")
+    theirs, ours = twin("GoToLocal"), GuideGridEnv("GoToLocal")
     theirs.reset(seed=0)
     ours.reset(seed=0)
     for env in (theirs, ours):

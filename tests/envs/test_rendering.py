@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from sb3_guide.envs import GuideGridEnv, GuideGridVecEnv
-from tests.envs.oracle import mixed_actions, oracle
+from sb3_guide.envs.bot import twin
+from tests.envs.oracle import mixed_actions
 
 
 @pytest.mark.parametrize("level", ["GoToLocal", "BossLevel"])
 def test_frames_are_minigrids(level: str) -> None:
     """All kinds of objects and doors, the agent in all directions, its view highlighted."""
-    theirs, ours = oracle(level, render_mode="rgb_array"), GuideGridEnv(level, render_mode="rgb_array")
+    theirs, ours = twin(level, render_mode="rgb_array"), GuideGridEnv(level, render_mode="rgb_array")
     theirs.reset(seed=4)
     ours.reset(seed=4)
     for action in mixed_actions(np.random.default_rng(0), 60):
