@@ -136,7 +136,9 @@ def use_of(times: int, steps: int) -> str:
     """:return: how much a message was used: its share of the steps, or how many times where that is below 1 %"""
     if times == 0:
         return "not used"
-    return f"{times} times" if times < 0.01 * steps else f"{times / steps:.0%}"
+    if times >= 0.01 * steps:
+        return f"{times / steps:.0%}"
+    return "once" if times == 1 else f"{times} times"
 
 
 def draw_bars(panel: Axes, probabilities: np.ndarray, colour: str) -> None:

@@ -52,8 +52,9 @@ def test_a_panel_for_each_message_with_its_share_of_use(analysis: dict[str, Any]
     figure = action_figure(analysis, np.array([0, 3, 5]), GUIDE, "test")
     assert f"w0 w0 · {counts[0].sum() / counts.sum():.0%}" in figure
     assert "w1 w0 · not used" in figure
-    counts[0] = [3, 0, 0, 0, 0, 0, 0]
-    assert "w0 w0 · 3 times" in action_figure({**analysis, "counts": counts.tolist()}, np.array([0]), GUIDE, "test")
+    for times, text in ((1, "once"), (3, "3 times")):
+        counts[0] = [times, 0, 0, 0, 0, 0, 0]
+        assert f"w0 w0 · {text}" in action_figure({**analysis, "counts": counts.tolist()}, np.array([0]), GUIDE, "test")
     assert "w1 w1" not in figure
 
 
