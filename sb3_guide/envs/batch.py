@@ -146,7 +146,7 @@ class Batch:
         members = {"image": frames[:, -1], "mission": self.worlds["last_mission"][indices]}
         if self.history:
             members["history"] = frames[:, :-1]
-        return [{name: values[row] for name, values in members.items()} for row in range(len(indices))]
+        return [dict(zip(members, row, strict=True)) for row in zip(*members.values(), strict=True)]
 
     def mission(self, index: int) -> str:
         """:return: a world's mission as text"""

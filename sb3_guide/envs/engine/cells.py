@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-UNSEEN, EMPTY, DOOR, KEY, BALL, BOX = 0, 1, 4, 5, 6, 7
+EMPTY, DOOR, KEY, BALL, BOX = 1, 4, 5, 6, 7  # 0 is what the agent does not see
 OPEN, CLOSED, LOCKED = 0, 1, 2
 WALL = 2 | 5 << 3 | 1 << 6
 OPAQUE = 1 << 6

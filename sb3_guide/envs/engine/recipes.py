@@ -208,7 +208,7 @@ def draw_description(world: World, rules: Rules, types: int, fewest: int) -> tup
 
     :param types: how many types there are to draw from
     :param fewest: the last of them; the draws run from BOX down
-    :return: type, colour, location; the type is UNSEEN if nothing was found
+    :return: type, colour, location; the type is 0 if nothing was found
     """
     for _ in range(_DESCRIBE_TRIES):
         colour = draw(world, 0, len(COLOUR_DRAWS) + 1)

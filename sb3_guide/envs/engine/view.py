@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from sb3_guide.envs.engine.cells import AHEAD, EMPTY, OPAQUE, UNSEEN, VIEW, decoding_table
+from sb3_guide.envs.engine.cells import AHEAD, EMPTY, OPAQUE, VIEW, decoding_table
 from sb3_guide.envs.engine.state import NOTHING, World
 
 _DECODED = decoding_table()
@@ -62,8 +62,8 @@ def observe(world: World, image: np.ndarray) -> None:
             clear |= (world.cells[np.uint64(left_end + right * column)] < OPAQUE) << column
         light = _SPREAD[np.uint64(entered), np.uint64(clear)]
         for column in range(VIEW):
-            cell = world.cells[np.uint64(left_end + right * column)] if light >> column & 1 else UNSEEN
-            write_cell(image, column, row, np.uint64(cell))
+            if light >> column & 1:
+                write_cell(image, column, row, np.uint64(world.cells[np.uint64(left_end + right * column)]))
         entered = light >> VIEW
         left_end += ahead
         row -= 1
