@@ -167,7 +167,7 @@ def run_workflow(levels: Sequence[str], seeds: int, cores: int, folder: Path) ->
 def lines_of(process: "subprocess.Popen[str]") -> Iterator[str]:
     """
     :param process: with a pipe as its standard output
-    :return: each line as it comes, and an empty one after every POLL_SECONDS of silence
+    :return: each line as it comes, and an empty one after every POLL_SECONDS of silence, until the process ends
     """
     lines: SimpleQueue[str | None] = SimpleQueue()
 
@@ -181,7 +181,7 @@ def lines_of(process: "subprocess.Popen[str]") -> Iterator[str]:
         try:
             line = lines.get(timeout=POLL_SECONDS)
         except Empty:
-            line = ""
+            line = "" if process.poll() is None else None  # if it was killed, a stage may still hold the pipe's other end
         if line is None:
             return
         yield line

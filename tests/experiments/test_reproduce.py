@@ -112,6 +112,11 @@ def test_a_run_that_is_killed_again_and_again_ends_with_the_same_summary(
     psutil.Process(process.pid).children()[0].kill()  # alone: Snakemake and a stage go on
     process.wait()
     process = until("seed0/guide")
+    (snakemake,) = (each for each in processes_of(tmp_path) if "snakemake" in each.cmdline())
+    snakemake.kill()  # its caller then ends by itself, and what it called
+    assert process.wait() == 1
+    assert processes_of(tmp_path) == []
+    process = until("seed0/guided")
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     process = until("seed0/analysis/guide")
