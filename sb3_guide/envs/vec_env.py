@@ -7,6 +7,8 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
@@ -32,9 +34,21 @@ class WorldView:
         self._batch = batch
         self._index = index
         self.render_mode = render_mode
-        self.observation_space = observation_space(batch.history)
-        self.action_space = action_space()
-        self.spec = gymnasium.spec(batch.level.env_id)
+
+    @property
+    def observation_space(self) -> spaces.Dict:
+        """The space of the world's observations."""
+        return observation_space(self._batch.history)
+
+    @property
+    def action_space(self) -> spaces.Discrete:
+        """The space of the actions."""
+        return action_space()
+
+    @property
+    def spec(self) -> EnvSpec:
+        """How Gymnasium makes such a world."""
+        return gymnasium.spec(self._batch.level.env_id)
 
     @property
     def unwrapped(self) -> WorldView:

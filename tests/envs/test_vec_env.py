@@ -266,6 +266,12 @@ def test_attributes() -> None:
     env.reset()
     assert env.get_attr("render_mode") == ["rgb_array"] * 3
     assert env.get_attr("mission", 1) == [env.missions[1]]
+    assert env.get_attr("observation_space", 0) == [env.observation_space]
+    assert env.get_attr("action_space", 0) == [env.action_space]
+    assert env.get_attr("spec")[2].id == LEVEL
+    assert env.get_attr("level")[0].name == "GoToLocal"
+    assert env.get_attr("history") == [3] * 3
+    assert env.get_attr("unwrapped", 0)[0].mission == env.missions[0]
     env.set_attr("np_random", np.random.default_rng(42), indices=[0, 2])
     observation = env.reset()
     np.testing.assert_array_equal(observation["image"][0], observation["image"][2])
