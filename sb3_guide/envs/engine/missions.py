@@ -12,31 +12,31 @@ from sb3_guide.envs.engine.state import (
     ANY,
     BEFORE,
     FRONT,
-    GOTO,
     LEFT,
     NOTHING,
-    OPEN_DOOR,
-    PICKUP,
     PUTNEXT,
     RIGHT,
     Rules,
     World,
 )
-from sb3_guide.envs.vocabulary import MISSION_LENGTH, WORDS
+from sb3_guide.envs.vocabulary import MISSION_LENGTH, encode
 
 _ONE, _ZERO = np.uint64(1), np.uint64(0)
 
 
-def _tokens(text: str) -> np.ndarray:
-    return np.array([WORDS.index(word) for word in text.split()], dtype=np.uint8)
+_LONGEST = 4  # words of a phrase
 
 
-_VERBS = tuple(_tokens(text) for text in ("go to", "pick up", "open", "put"))  # in the order of the clauses' kinds
-_PLACES = tuple(_tokens(text) for text in ("on your left", "on your right", "in front of you", "behind you"))
-_NEXT_TO, _AND, _THEN, _AFTER = (_tokens(text) for text in ("next to", "and", ", then", "after you"))
-_THE, _A = _tokens("the"), _tokens("a")
-_COLOUR_WORDS = _tokens(" ".join(COLOURS))
-_TYPE_WORDS = _tokens("door key ball box")  # from DOOR on
+def _phrases(*texts: str) -> np.ndarray:
+    """:return: (len(texts), 4) uint8, the tokens of each text, padded with 0"""
+    return np.stack([encode(text)[:_LONGEST] for text in texts])
+
+
+_VERBS = _phrases("go to", "pick up", "open", "put")  # in the order of the clauses' kinds
+_PLACES = _phrases("on your left", "on your right", "in front of you", "behind you")  # in the order of the locations
+_NEXT_TO, _AND, _THEN, _AFTER, _THE, _A = _phrases("next to", "and", ", then", "after you", "the", "a")
+_COLOURS = _phrases(*COLOURS)
+_TYPES = _phrases("door", "key", "ball", "box")  # from DOOR on
 
 
 @njit
@@ -153,10 +153,13 @@ def is_valid(world: World, rules: Rules) -> bool:
 
 
 @njit
-def say(world: World, length: int, words: np.ndarray) -> int:
-    """Append words to the mission. :return: its new length"""
-    world.mission[length : length + len(words)] = words
-    return length + len(words)
+def say(world: World, length: int, phrase: np.ndarray) -> int:
+    """Append a phrase to the mission. :return: the mission's new length"""
+    for word in phrase:
+        if word:
+            world.mission[length] = word
+            length += 1
+    return length
 
 
 @njit
@@ -167,33 +170,18 @@ def say_description(world: World, length: int, clause: int, which: int) -> int:
     things = world.targets[clause, which]
     length = say(world, length, _A if things & (things - _ONE) != _ZERO else _THE)  # "a" where two or more match
     if colour != ANY:
-        length = say(world, length, _COLOUR_WORDS[colour : colour + 1])
-    length = say(world, length, _TYPE_WORDS[kind - DOOR : kind - DOOR + 1])
-    if location == LEFT:
-        return say(world, length, _PLACES[0])
-    if location == RIGHT:
-        return say(world, length, _PLACES[1])
-    if location == FRONT:
-        return say(world, length, _PLACES[2])
-    return length if location == ANY else say(world, length, _PLACES[3])
+        length = say(world, length, _COLOURS[colour])
+    length = say(world, length, _TYPES[kind - DOOR])
+    return length if location == ANY else say(world, length, _PLACES[location])
 
 
 @njit
 def say_clause(world: World, length: int, clause: int) -> int:
     """Append a clause, such as "go to the red ball". :return: the mission's new length"""
-    kind = world.kind[clause]
-    if kind == GOTO:
-        length = say(world, length, _VERBS[0])
-    elif kind == PICKUP:
-        length = say(world, length, _VERBS[1])
-    elif kind == OPEN_DOOR:
-        length = say(world, length, _VERBS[2])
-    else:
-        length = say(world, length, _VERBS[3])
-    length = say_description(world, length, clause, 0)
-    if kind == PUTNEXT:
-        length = say_description(world, say(world, length, _NEXT_TO), clause, 1)
-    return length
+    length = say_description(world, say(world, length, _VERBS[world.kind[clause]]), clause, 0)
+    if world.kind[clause] != PUTNEXT:
+        return length
+    return say_description(world, say(world, length, _NEXT_TO), clause, 1)
 
 
 @njit

@@ -121,11 +121,8 @@ def make_rooms(world: World, rules: Rules) -> bool:
 
 
 @njit
-def draw_locked_door(world: World, rules: Rules, room: int) -> int:
-    """Lock one door of the room. :return: its colour"""
-    side = draw(world, 0, 4)
-    while neighbour(rules, room, side) == NOTHING:
-        side = draw(world, 0, 4)
+def lock(world: World, rules: Rules, room: int, side: int) -> int:
+    """Put a locked door into a wall of the room. :return: its colour"""
     colour = draw_colour(world)
     add_door(world, rules, room, side, colour, LOCKED)
     world.locked_room = room
@@ -150,7 +147,10 @@ def make_locked_room(world: World, rules: Rules) -> bool:
     :return: False if Minigrid would reject the grid
     """
     room = draw_room(world, rules)
-    colour = draw_locked_door(world, rules, room)
+    side = draw(world, 0, 4)
+    while neighbour(rules, room, side) == NOTHING:
+        side = draw(world, 0, 4)
+    colour = lock(world, rules, room, side)
     if not add_object(world, rules, draw_room(world, rules), KEY | colour << 3):
         return False
     colours = COLOUR_DRAWS
@@ -181,9 +181,7 @@ def add_locked_room(world: World, rules: Rules) -> bool:
     while neighbour(rules, room, side) == NOTHING:
         room = draw_room(world, rules)
         side = draw(world, 0, 4)
-    colour = draw_colour(world)
-    add_door(world, rules, room, side, colour, LOCKED)
-    world.locked_room = room
+    colour = lock(world, rules, room, side)
     key_room = draw_room(world, rules)
     while key_room == room:
         key_room = draw_room(world, rules)
@@ -202,17 +200,17 @@ def only_behind_lock(world: World, rules: Rules, things: np.uint64) -> bool:
 
 
 @njit
-def draw_description(world: World, rules: Rules, types: int, fewest: int) -> tuple[int, int, int]:
+def draw_description(world: World, rules: Rules, types: int, lowest: int) -> tuple[int, int, int]:
     """
     Draw a description that matches something.
 
     :param types: how many types there are to draw from
-    :param fewest: the last of them; the draws run from BOX down
+    :param lowest: the last of them; the draws run from BOX down to it
     :return: type, colour, location; the type is 0 if nothing was found
     """
     for _ in range(_DESCRIBE_TRIES):
         colour = draw(world, 0, len(COLOUR_DRAWS) + 1)
-        kind = fewest + types - 1 - draw(world, 0, types)
+        kind = lowest + types - 1 - draw(world, 0, types)
         location = draw(world, 0, 4) if rules.locations and draw_bool(world) else ANY
         description = (kind, COLOUR_DRAWS[colour - 1] if colour else ANY, location)
         things = matching(world, rules, description)
