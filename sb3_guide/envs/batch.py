@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import cache
 from itertools import pairwise
 from threading import Timer
 from typing import Any, TypeAlias
@@ -27,14 +28,19 @@ _WORD = (1 << 64) - 1
 _PATIENCE = 3.0  # seconds; loading compiled code takes less
 
 
+@cache
+def _tell() -> None:
+    """Say once in a process what the user is waiting for."""
+    print("sb3_guide: compiling the levels' engine: about half a minute, once on this machine", file=sys.stderr, flush=True)
+
+
 @contextmanager
 def _announced(entry_point: Any) -> Iterator[None]:
-    """Say what is going on if the first use of an entry point has to wait for the compiler."""
+    """Tell the user if the first use of an entry point has to wait for the compiler."""
     if entry_point.overloads:
         yield
         return
-    message = "sb3_guide: compiling the levels' engine, which takes about half a minute and happens once"
-    timer = Timer(_PATIENCE, print, args=(message,), kwargs={"file": sys.stderr, "flush": True})
+    timer = Timer(_PATIENCE, _tell)
     timer.start()
     try:
         yield
