@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from sb3_guide.envs.engine.cells import BALL, BOX, COLOUR_DRAWS, DOOR, GREY, KEY, LOCKED, RED, TYPE_BITS
+from sb3_guide.envs.engine.dynamics import track
 from sb3_guide.envs.engine.missions import (
     add_clause,
     clear_mission,
@@ -303,7 +304,7 @@ def start_episode(world: World, rules: Rules) -> None:
         pass
     if world.connective == ALONE:
         world.second_side = world.clauses
-    world.tracked[:] = world.position
+    track(world)
     world.carrying = NOTHING
     world.steps = 0
     world.max_steps = steps_allowed(world, rules)

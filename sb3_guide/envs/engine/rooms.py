@@ -117,18 +117,25 @@ def draw_room(world: World, rules: Rules) -> int:
 
 
 @njit
-def draw_position(world: World, rules: Rules, room: int) -> int:
-    """:return: a position in the room, its walls included"""
-    x = draw(world, 0, rules.room_size) + room % rules.columns * (rules.room_size - 1)
-    y = draw(world, 0, rules.room_size) + room // rules.columns * (rules.room_size - 1)
-    return position_of(x, y)
+def corner_of(rules: Rules, room: int) -> int:
+    """:return: position of the room's top left corner"""
+    inner = rules.room_size - 1
+    return position_of(room % rules.columns * inner, room // rules.columns * inner)
+
+
+@njit
+def draw_position(world: World, rules: Rules, corner: int) -> int:
+    """:return: a position in the room with this corner, its walls included"""
+    x = draw(world, 0, rules.room_size)
+    return corner + x + draw(world, 0, rules.room_size) * STRIDE
 
 
 @njit
 def add_object(world: World, rules: Rules, room: int, look: int) -> bool:
     """:return: whether a free cell, not next to the agent, was found for the new object"""
+    corner = corner_of(rules, room)
     for _ in range(_PLACE_TRIES):
-        position = draw_position(world, rules, room)
+        position = draw_position(world, rules, corner)
         if world.cells[position] == EMPTY and distance(position, world.agent) >= 2:
             world.cells[position] = look
             add_thing(world, look, position)
@@ -209,15 +216,15 @@ def connect_all(world: World, rules: Rules, colours: np.ndarray) -> bool:
 @njit
 def place_agent(world: World, rules: Rules) -> bool:
     """:return: whether the agent found a free cell in a drawn room, facing another free cell or a wall"""
-    room = draw_room(world, rules)
+    corner = corner_of(rules, draw_room(world, rules))
     while True:
         tries = 0
-        position = draw_position(world, rules, room)
+        position = draw_position(world, rules, corner)
         while world.cells[position] != EMPTY:
             tries += 1
             if tries == _PLACE_TRIES:
                 return False
-            position = draw_position(world, rules, room)
+            position = draw_position(world, rules, corner)
         world.agent = position
         world.direction = draw(world, 0, 4)
         front = world.cells[position + AHEAD[world.direction]]
