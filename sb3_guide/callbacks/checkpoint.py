@@ -100,7 +100,9 @@ def training_state(model: OnPolicyAlgorithm) -> dict[str, Any]:
         "last_lstm_states": None if lstm is None else [list(lstm.pi), list(lstm.vf)],
         "worlds": tensors(model.env.get_state()),  # type: ignore[attr-defined]
         "monitor": None if monitor is None else tensors({name: getattr(monitor, name) for name in MONITORED}),
-        "episodes": [{name: float(value) for name, value in info.items()} for info in model.ep_info_buffer or ()],
+        "episodes": [
+            tensors({name: np.asarray(value) for name, value in info.items()}) for info in model.ep_info_buffer or ()
+        ],
         "successes": [bool(success) for success in model.ep_success_buffer or ()],
     }
 
@@ -126,7 +128,8 @@ def restore_training(model: OnPolicyAlgorithm, state: dict[str, Any]) -> None:
     if state["monitor"] is not None:
         for name, value in arrays(state["monitor"]).items():
             setattr(model.env, name, value)
-    model.ep_info_buffer = deque(state["episodes"], maxlen=model._stats_window_size)
+    episodes = ({name: value[()] for name, value in arrays(info).items()} for info in state["episodes"])
+    model.ep_info_buffer = deque(episodes, maxlen=model._stats_window_size)
     model.ep_success_buffer = deque(state["successes"], maxlen=model._stats_window_size)
     restore_random_streams(state["random"])
 

@@ -12,7 +12,7 @@ from sb3_guide.callbacks import SuccessRateCallback, TrainingCheckpoint, restore
 from sb3_guide.callbacks.checkpoint import load_state
 from sb3_guide.envs import GuideGridVecEnv, level_of
 from sb3_guide.experiments.configs import load_config
-from sb3_guide.experiments.runs import TableWriter, stage, use_threads
+from sb3_guide.experiments.runs import TableWriter, plain_values, stage, use_threads
 from sb3_guide.policies import AgentPolicy, save_agent
 
 
@@ -33,15 +33,21 @@ def train_expert(level: str, out: Path, seed: int, threads: int, resume: bool, c
         if run.finished:
             return
         use_threads(threads)
-        checkpoint, rows = out / "checkpoint" / "training.pt", []
+        checkpoint, rows, logged = out / "checkpoint" / "training.pt", [], {}
         model, success_rate = build(level, seed, dict(config)), SuccessRateCallback()
         if checkpoint.exists():
             state = load_state(checkpoint)
             restore_training(model, state)
             success_rate.successes = deque(state["success_rate"])
-            rows, run.seconds_before = state["rows"], state["seconds"]
-        model.set_logger(Logger(str(out), [TableWriter(out / "progress.csv", rows)]))
-        keep = TrainingCheckpoint(checkpoint, success_rate, lambda: {"rows": rows, "seconds": run.seconds})
+            rows, logged, run.seconds_before = state["rows"], state["logged"], state["seconds"]
+        logger = Logger(str(out), [TableWriter(out / "progress.csv", rows)])
+        logger.name_to_value.update(logged)  # of the update before the checkpoint, to be written with the next rollout
+        model.set_logger(logger)
+        keep = TrainingCheckpoint(
+            checkpoint,
+            success_rate,
+            lambda: {"rows": rows, "logged": plain_values(logger.name_to_value), "seconds": run.seconds},
+        )
         model.learn(
             config["n_timesteps"] - model.num_timesteps,
             callback=[success_rate, keep],

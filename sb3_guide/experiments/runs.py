@@ -131,9 +131,16 @@ class TableWriter(KVWriter):
         self.rows = rows
 
     def write(self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0) -> None:
-        plain = {name: value.item() if isinstance(value, np.generic) else value for name, value in key_values.items()}
-        self.rows.append(dict(sorted(plain.items())))
+        self.rows.append(dict(sorted(plain_values(key_values).items())))
         write_table(self.path, self.rows)
 
     def close(self) -> None:
         pass
+
+
+def plain_values(logged: dict[str, Any]) -> dict[str, Any]:
+    """
+    :param logged: values of an SB3 logger
+    :return: the same without numpy's scalars
+    """
+    return {name: value.item() if isinstance(value, np.generic) else value for name, value in logged.items()}

@@ -47,9 +47,11 @@ def without_times(rows: list[dict[str, str]]) -> list[dict[str, str]]:
 
 @pytest.fixture(scope="module")
 def demos(tmp_path_factory) -> Path:
-    """Demonstrations of an expert that is none."""
+    """Demonstrations of an expert that always goes forward, which solves one mission in twenty."""
     folder = tmp_path_factory.mktemp("demos")
-    save_agent(make_policy(LearnerPolicy), folder / "expert", "GoToObj")
+    policy = make_policy(LearnerPolicy)
+    th.nn.init.constant_(policy.action_net.bias[2:3], 10.0)
+    save_agent(policy, folder / "expert", "GoToObj")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(record, "WORST_EXPERT", 0.0)
         for split in ("train", "validation", "analysis"):
