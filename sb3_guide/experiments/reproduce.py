@@ -148,7 +148,8 @@ def run_workflow(levels: Sequence[str], seeds: int, cores: int, folder: Path) ->
         # this call holds a lock of its own, which unlike Snakemake's ends with the process
         *("--nolock", "--rerun-incomplete", "--rerun-triggers", "mtime", "params", "input", "--nocolor"),
     ]
-    environment = {**os.environ, RUN_VARIABLE: str(folder), "TQDM_MININTERVAL": "1"}
+    # threads that spin while they wait make a stage several times slower as soon as other processes want the cores
+    environment = {"OMP_WAIT_POLICY": "PASSIVE", **os.environ, RUN_VARIABLE: str(folder), "TQDM_MININTERVAL": "1"}
     stopwatch, log = Stopwatch(folder / "log" / "seconds.json"), folder / "log" / "snakemake.log"
     process = subprocess.Popen(
         command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
@@ -159,7 +160,11 @@ def run_workflow(levels: Sequence[str], seeds: int, cores: int, folder: Path) ->
             file.write(line)
             display.show(line)
     if process.wait():
-        reason = f"failed: {', '.join(display.failed)}" if display.failed else " ".join(last_lines(log)[-3:])
+        reason = " ".join(last_lines(log)[-3:])
+        if display.failed:
+            reason = f"failed: {', '.join(display.failed)}"
+        elif process.returncode < 0:
+            reason = f"Snakemake was killed by signal {-process.returncode}"
         raise RuntimeError(f"The workflow stopped ({reason}), see {log}. The same command goes on from where it stopped")
     return stopwatch.save()
 
