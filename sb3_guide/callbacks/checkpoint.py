@@ -36,7 +36,7 @@ class TrainingCheckpoint(BaseCallback):
         path: str | Path,
         success_rate: SuccessRateCallback | None = None,
         extra: Callable[[], dict[str, Any]] = dict,
-        every_n_rollouts: int = 10,
+        every_n_rollouts: int = 5,
         verbose: int = 0,
     ) -> None:
         super().__init__(verbose)

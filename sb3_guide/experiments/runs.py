@@ -85,12 +85,15 @@ def record(name: str, settings: dict[str, Any], seconds: float) -> dict[str, Any
 
 def use_threads(threads: int) -> None:
     """
+    Let torch compute with so many threads, and always add up in the same order, which several threads do not by themselves.
+
     :param threads: of torch; results depend on their number, so it is part of a stage's settings
     :raises ValueError: if there is none
     """
     if threads < 1:
         raise ValueError(f"threads={threads}: expected at least 1")
     th.set_num_threads(threads)
+    th.use_deterministic_algorithms(True)
 
 
 def write_table(path: Path, rows: Sequence[dict[str, Any]]) -> None:

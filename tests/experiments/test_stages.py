@@ -71,6 +71,16 @@ def test_an_expert_is_written_with_all_that_it_depends_on(tmp_path):
     assert 0 <= float(rows[-1]["rollout/success_rate"]) <= 1
 
 
+def test_the_same_seed_gives_the_same_expert_on_two_threads(tmp_path):
+    config = write_config(tmp_path / "ppo.yml", PPO | {"n_envs": 32, "batch_size": 512, "n_timesteps": 1024})
+    try:
+        for name in ("one", "same"):
+            train_expert(KEY, tmp_path / name, seed=1, threads=2, resume=False, config_file=config)
+    finally:
+        th.set_num_threads(1)
+    assert equal(tmp_path / "one", tmp_path / "same")
+
+
 @pytest.mark.parametrize("stage", ["expert", "clone"])
 def test_a_killed_stage_goes_on_as_if_nothing_had_happened(stage, demos, tmp_path):
     """Kill the real command once its first checkpoint is there, continue it, and compare with an undisturbed run."""
