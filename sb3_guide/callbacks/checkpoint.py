@@ -17,6 +17,7 @@ from stable_baselines3.common.vec_env import VecMonitor
 from sb3_guide.callbacks.success import SuccessRateCallback
 
 COUNTERS = ("num_timesteps", "_episode_num", "_n_updates", "_current_progress_remaining")
+MONITORED = ("episode_returns", "episode_lengths")  # of VecMonitor, in the midst of episodes
 
 
 class TrainingCheckpoint(BaseCallback):
@@ -105,9 +106,6 @@ def training_state(model: OnPolicyAlgorithm) -> dict[str, Any]:
         ],
         "successes": [bool(success) for success in model.ep_success_buffer or ()],
     }
-
-
-MONITORED = ("episode_returns", "episode_lengths")
 
 
 def restore_training(model: OnPolicyAlgorithm, state: dict[str, Any]) -> None:
