@@ -7,7 +7,8 @@ Importing this package registers the levels in Gymnasium and the policies' names
 from importlib.metadata import version
 
 from sb3_guide.envs import GuideGridVecEnv
+from sb3_guide.experts import load_expert
 from sb3_guide.policies import PretrainedGuide, load_agent, save_agent
 
 __version__ = version("sb3-guide")
-__all__ = ["GuideGridVecEnv", "PretrainedGuide", "load_agent", "save_agent"]
+__all__ = ["GuideGridVecEnv", "PretrainedGuide", "load_agent", "load_expert", "save_agent"]

@@ -3,11 +3,12 @@
 from sb3_guide.callbacks.checkpoint import TrainingCheckpoint, restore_training
 from sb3_guide.callbacks.cloning import EpochMetrics
 from sb3_guide.callbacks.communication import CICCallback, measure_communication
-from sb3_guide.callbacks.success import SuccessRateCallback
+from sb3_guide.callbacks.success import StopTrainingOnSuccessRate, SuccessRateCallback
 
 __all__ = [
     "CICCallback",
     "EpochMetrics",
+    "StopTrainingOnSuccessRate",
     "SuccessRateCallback",
     "TrainingCheckpoint",
     "measure_communication",

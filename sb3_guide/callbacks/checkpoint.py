@@ -3,7 +3,7 @@
 import os
 import random
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecMonitor
 
-from sb3_guide.callbacks.success import SuccessRateCallback
+from sb3_guide.callbacks.success import EpisodeSuccesses
 
 COUNTERS = ("num_timesteps", "_episode_num", "_n_updates", "_current_progress_remaining")
 MONITORED = ("episode_returns", "episode_lengths")  # of VecMonitor, in the midst of episodes
@@ -26,7 +26,7 @@ class TrainingCheckpoint(BaseCallback):
     had happened. The file is written atomically: the last good one is always there.
 
     :param path: of the file
-    :param success_rate: the callback whose window belongs to the state; None if there is none
+    :param watchers: callbacks whose remembered episodes belong to the state
     :param extra: called at each save for what else is to be kept: plain values and tensors
     :param every_n_rollouts: save before one rollout in so many
     :param verbose: as in SB3
@@ -35,14 +35,14 @@ class TrainingCheckpoint(BaseCallback):
     def __init__(
         self,
         path: str | Path,
-        success_rate: SuccessRateCallback | None = None,
+        watchers: Sequence[EpisodeSuccesses] = (),
         extra: Callable[[], dict[str, Any]] = dict,
         every_n_rollouts: int = 5,
         verbose: int = 0,
     ) -> None:
         super().__init__(verbose)
         self.path = Path(path)
-        self.success_rate = success_rate
+        self.watchers = watchers
         self.extra = extra
         self.every_n_rollouts = every_n_rollouts
         self.n_rollouts = 0
@@ -52,9 +52,9 @@ class TrainingCheckpoint(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         if self.n_rollouts % self.every_n_rollouts == 0 and self.n_rollouts:
-            successes = [] if self.success_rate is None else list(self.success_rate.successes)
+            watched = [list(watcher.successes) for watcher in self.watchers]
             state = training_state(self.model)  # type: ignore[arg-type]
-            save_state(self.path, {**state, "success_rate": successes, **self.extra()})
+            save_state(self.path, {**state, "watched": watched, **self.extra()})
         self.n_rollouts += 1
 
 
@@ -108,10 +108,11 @@ def training_state(model: OnPolicyAlgorithm) -> dict[str, Any]:
     }
 
 
-def restore_training(model: OnPolicyAlgorithm, state: dict[str, Any]) -> None:
+def restore_training(model: OnPolicyAlgorithm, state: dict[str, Any], watchers: Sequence[EpisodeSuccesses] = ()) -> None:
     """
     :param model: built with the arguments and the environments of the one that was saved
-    :param state: as :func:`training_state` returned it; ``model.learn(rest, reset_num_timesteps=False)`` goes on from there
+    :param state: as :class:`TrainingCheckpoint` saved it; ``model.learn(rest, reset_num_timesteps=False)`` goes on from there
+    :param watchers: like those of the :class:`TrainingCheckpoint`, in the same order
     """
     assert model.env is not None
     model.policy.load_state_dict(state["policy"])
@@ -129,6 +130,8 @@ def restore_training(model: OnPolicyAlgorithm, state: dict[str, Any]) -> None:
     episodes = ({name: value[()] for name, value in arrays(info).items()} for info in state["episodes"])
     model.ep_info_buffer = deque(episodes, maxlen=model._stats_window_size)
     model.ep_success_buffer = deque(state["successes"], maxlen=model._stats_window_size)
+    for watcher, successes in zip(watchers, state["watched"], strict=True):
+        watcher.successes = deque(successes)
     restore_random_streams(state["random"])
 
 

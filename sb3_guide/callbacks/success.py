@@ -6,10 +6,9 @@ import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 
 
-class SuccessRateCallback(BaseCallback):
+class EpisodeSuccesses(BaseCallback):
     """
-    Log ``rollout/success_rate``: the share of successful episodes among the last ones, as many as SB3 averages its other
-    statistics over (``stats_window_size``). An episode succeeds where its last ``info`` says ``is_success``.
+    Remember whether the last episodes succeeded. An episode succeeds where its last ``info`` says ``is_success``.
 
     :param verbose: as in SB3
     """
@@ -18,8 +17,13 @@ class SuccessRateCallback(BaseCallback):
         super().__init__(verbose)
         self.successes: deque[bool] = deque()
 
+    @property
+    def n_episodes(self) -> int:
+        """How many episodes are remembered."""
+        raise NotImplementedError
+
     def _init_callback(self) -> None:
-        self.successes = deque(self.successes, maxlen=self.model._stats_window_size)
+        self.successes = deque(self.successes, maxlen=self.n_episodes)
 
     def _on_step(self) -> bool:
         for world in np.flatnonzero(self.locals["dones"]):
@@ -28,6 +32,51 @@ class SuccessRateCallback(BaseCallback):
                 self.successes.append(bool(success))
         return True
 
+
+class SuccessRateCallback(EpisodeSuccesses):
+    """
+    Log ``rollout/success_rate``: the share of successful episodes among the last ones, as many as SB3 averages its other
+    statistics over (``stats_window_size``).
+
+    :param verbose: as in SB3
+    """
+
+    @property
+    def n_episodes(self) -> int:
+        return self.model._stats_window_size
+
     def _on_rollout_end(self) -> None:
         if self.successes:
             self.logger.record("rollout/success_rate", float(np.mean(self.successes)))
+
+
+class StopTrainingOnSuccessRate(EpisodeSuccesses):
+    """
+    Stop the training once enough of the last episodes succeeded. Those are played as the training plays them, with sampled
+    actions.
+
+    :param success_rate: that is enough, above 0 and at most 1
+    :param n_episodes: that must have been played since the training began, and over which the rate is taken
+    :param verbose: 1 to tell when the training stops
+    :raises ValueError: if a number is out of range
+    """
+
+    def __init__(self, success_rate: float, n_episodes: int = 1000, verbose: int = 0) -> None:
+        super().__init__(verbose)
+        if not 0 < success_rate <= 1:
+            raise ValueError(f"success_rate={success_rate}: expected a number above 0 and at most 1")
+        if n_episodes < 1:
+            raise ValueError(f"n_episodes={n_episodes}: expected at least 1")
+        self.success_rate = success_rate
+        self._n_episodes = n_episodes
+
+    @property
+    def n_episodes(self) -> int:
+        return self._n_episodes
+
+    def _on_step(self) -> bool:
+        super()._on_step()
+        reached = len(self.successes) == self.n_episodes and sum(self.successes) >= self.success_rate * self.n_episodes
+        if reached and self.verbose:
+            print(f"Stopping training: {sum(self.successes)} of the last {self.n_episodes} episodes succeeded")
+        return not reached

@@ -47,17 +47,18 @@ def expert(
     threads: Threads = 1,
     resume: Resume = False,
     config: Config = None,
+    init: Annotated[Path | None, typer.Option(help="Folder of an agent whose weights to start from.")] = None,
 ) -> None:
     """Stage 1: train an expert with PPO."""
     from sb3_guide.experiments.expert import train_expert
 
-    train_expert(level, out, seed, threads, resume, config)
+    train_expert(level, out, seed, threads, resume, config, init)
 
 
 @app.command()
 def record(
     level: Level,
-    expert: Annotated[Path, typer.Option(help="Folder of the expert.")],
+    expert: Annotated[str, typer.Option(help="Folder of the expert, or 'pretrained' for the one that is shipped.")],
     out: Annotated[Path, typer.Option(help="File for the demonstrations (.safetensors).")],
     episodes: Annotated[int, typer.Option(help="Successful episodes to keep.")],
     split: Annotated[Split, typer.Option(help="Missions to play.")] = Split.train,
@@ -65,8 +66,10 @@ def record(
 ) -> None:
     """Record demonstrations of an expert: its successful episodes."""
     from sb3_guide.experiments.record import record_demonstrations
+    from sb3_guide.experts import expert_folder
 
-    record_demonstrations(level, expert, split.value, episodes, out, threads)
+    folder = expert_folder(level) if expert == "pretrained" else Path(expert)
+    record_demonstrations(level, folder, split.value, episodes, out, threads)
 
 
 @app.command()

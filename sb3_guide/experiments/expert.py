@@ -1,24 +1,35 @@
 """Stage 1: an expert by stock SB3 PPO (paper section 3.3)."""
 
-from collections import deque
 from pathlib import Path
 from typing import Any
 
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from stable_baselines3.common.vec_env import VecMonitor
 from tqdm import tqdm
 
-from sb3_guide.callbacks import SuccessRateCallback, TrainingCheckpoint, restore_training
+from sb3_guide.callbacks import StopTrainingOnSuccessRate, SuccessRateCallback, TrainingCheckpoint, restore_training
 from sb3_guide.callbacks.checkpoint import load_state
 from sb3_guide.envs import GuideGridVecEnv, level_of
 from sb3_guide.experiments.configs import load_config
 from sb3_guide.experiments.runs import TableWriter, plain_values, stage, use_threads
-from sb3_guide.policies import AgentPolicy, save_agent
+from sb3_guide.policies import AgentPolicy, load_agent, save_agent
+from sb3_guide.policies.saving import load_weights, weights_of
+
+NOT_OF_THE_ALGORITHM = ("policy", "n_envs", "n_timesteps", "env_kwargs", "callback")  # keys that rl-zoo itself reads
+EARLY_STOP = "sb3_guide.callbacks.StopTrainingOnSuccessRate"
 
 
-def train_expert(level: str, out: Path, seed: int, threads: int, resume: bool, config_file: Path | None = None) -> None:
+def train_expert(
+    level: str,
+    out: Path,
+    seed: int,
+    threads: int,
+    resume: bool,
+    config_file: Path | None = None,
+    init: Path | None = None,
+) -> None:
     """
     :param level: name of the level
     :param out: folder of the agent
@@ -26,36 +37,39 @@ def train_expert(level: str, out: Path, seed: int, threads: int, resume: bool, c
     :param threads: of torch
     :param resume: go on from the last checkpoint of a killed run
     :param config_file: YAML in rl-zoo's format; None takes zoo_configs/ppo.yml
+    :param init: folder of an agent of the same kind whose weights to start from; None starts from fresh ones
     :raises ValueError: if an argument is out of range or the folder holds another run
     """
     level = level_of(level).name
     config = load_config("ppo", level, config_file)
-    settings = {"level": level, "seed": seed, "threads": threads, "config": config}
+    origin = None if init is None else str(init)
+    settings = {"level": level, "seed": seed, "threads": threads, "config": config, "init": origin}
     with stage("expert", settings, out, resume) as run:
         if run.finished:
             return
         use_threads(threads)
         checkpoint, rows, logged = out / "checkpoint" / "training.pt", [], {}
-        model, success_rate = build(level, seed, dict(config)), SuccessRateCallback()
+        model, watchers = build(level, seed, config), [SuccessRateCallback(), *build_callbacks(config)]
+        assert isinstance(model.policy, AgentPolicy)
+        if init is not None:
+            load_weights(model.policy, weights_of(load_agent(init, type(model.policy))))
         if checkpoint.exists():
             state = load_state(checkpoint)
-            restore_training(model, state)
-            success_rate.successes = deque(state["success_rate"])
+            restore_training(model, state, watchers)
             rows, logged, run.seconds_before = state["rows"], state["logged"], state["seconds"]
-        logger = Logger(str(out), [TableWriter(out / "progress.csv", rows)])
+        logger = Logger(str(out), [TableWriter(out / "progress.csv", rows), TensorBoardOutputFormat(str(out / "tensorboard"))])
         logger.name_to_value.update(logged)  # of the update before the checkpoint, to be written with the next rollout
         model.set_logger(logger)
         keep = TrainingCheckpoint(
             checkpoint,
-            success_rate,
+            watchers,
             lambda: {"rows": rows, "logged": plain_values(logger.name_to_value), "seconds": run.seconds},
         )
         model.learn(
             config["n_timesteps"] - model.num_timesteps,
-            callback=[success_rate, keep, Progress(level, config["n_timesteps"])],
+            callback=[*watchers, keep, Progress(level, config["n_timesteps"])],
             reset_num_timesteps=model.num_timesteps == 0,
         )
-        assert isinstance(model.policy, AgentPolicy)
         save_agent(model.policy, out, level)
 
 
@@ -66,9 +80,23 @@ def build(level: str, seed: int, config: dict[str, Any]) -> PPO:
     :param config: the level's entry in rl-zoo's format
     :return: PPO in its worlds, not yet trained
     """
-    venv = VecMonitor(GuideGridVecEnv(level_of(level).env_id, config.pop("n_envs"), **config.pop("env_kwargs", {})))
-    del config["n_timesteps"]
-    return PPO(config.pop("policy"), venv, seed=seed, **config)
+    venv = VecMonitor(GuideGridVecEnv(level_of(level).env_id, config["n_envs"], **config.get("env_kwargs", {})))
+    of_algorithm = {name: value for name, value in config.items() if name not in NOT_OF_THE_ALGORITHM}
+    return PPO(config["policy"], venv, seed=seed, **of_algorithm)
+
+
+def build_callbacks(config: dict[str, Any]) -> list[StopTrainingOnSuccessRate]:
+    """
+    :param config: the level's entry in rl-zoo's format, whose "callback" lists classes and their arguments
+    :return: the callbacks, of which ``sb3_guide.callbacks.StopTrainingOnSuccessRate`` is the one there can be
+    :raises ValueError: if there is another one
+    """
+    callbacks = []
+    for entry in config.get("callback", []):
+        if not isinstance(entry, dict) or list(entry) != [EARLY_STOP]:
+            raise ValueError(f"callback {entry!r} is unknown: expected {EARLY_STOP} with its arguments")
+        callbacks.append(StopTrainingOnSuccessRate(**entry[EARLY_STOP]))
+    return callbacks
 
 
 class Progress(BaseCallback):

@@ -4,9 +4,10 @@ import torch as th
 from gymnasium import spaces
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
+from torch.nn.functional import embedding
 from torch.nn.utils.rnn import pack_padded_sequence
 
-from sb3_guide.policies.sequences import Observations, distinct
+from sb3_guide.policies.sequences import Observations, Sequences, distinct
 from sb3_guide.policies.sizes import Size, size_of
 
 VIEW = 7  # cells on a side of the agent's view
@@ -51,43 +52,72 @@ class FiLM(nn.Module):
         self.gamma = nn.Linear(condition_dim, channels)
         self.beta = nn.Linear(condition_dim, channels)
 
-    def forward(self, x: th.Tensor, y: th.Tensor) -> th.Tensor:
+    def forward(self, x: th.Tensor, y: th.Tensor, row: th.Tensor) -> th.Tensor:
         """
         :param x: (N, ..., channels)
-        :param y: (N, condition_dim)
+        :param y: (M, condition_dim)
+        :param row: (N,) which y modulates each x
         """
-        shape = (len(y), *[1] * (x.dim() - 2), -1)
-        return self.gamma(y).view(shape) * x + self.beta(y).view(shape)
+        shape = (len(x), *[1] * (x.dim() - 2), -1)
+        return self.gamma(y)[row].view(shape) * x + self.beta(y)[row].view(shape)
 
 
 class CompactVision(nn.Module):
     """
-    One embedding a cell, FiLM, one convolution over the whole view, FiLM: what two CPU cores train well. Layer normalisation
-    bounds what FiLM and memory get: without it, a step of Adam on a kernel of this size saturates the memory for good.
+    An embedding for each cell, FiLM, one convolution over the whole view, FiLM: what two CPU cores train well. A cell is
+    embedded as the sum of its type, colour and state, which is how missions speak of it, and of the three together. Layer
+    normalisation bounds what FiLM and memory get: without it, a step of Adam on a kernel of this size saturates the memory
+    for good.
 
     :param size: widths
     """
 
+    place_value: th.Tensor  # (3,) of type, colour and state in the number of a cell
+
     def __init__(self, size: Size) -> None:
         super().__init__()
-        self.embedding = nn.Embedding(CELL_VALUES**CHANNELS, size.cell)
+        self.parts = nn.ModuleList(nn.Embedding(CELL_VALUES, size.cell) for _ in range(CHANNELS))
+        self.whole = nn.Embedding(CELL_VALUES**CHANNELS, size.cell)
         self.film_cells = FiLM(size.instruction, size.cell)
         self.convolution = nn.Linear(VIEW * VIEW * size.cell, size.image)  # the kernel is as large as the view
         self.normalise = nn.LayerNorm(size.image, elementwise_affine=False)
         self.film_view = FiLM(size.instruction, size.image)
         self.out = nn.Linear(size.image, size.image)
+        self.register_buffer("place_value", CELL_VALUES ** th.arange(CHANNELS).flip(0), persistent=False)
 
-    def forward(self, images: th.Tensor, instructions: th.Tensor) -> th.Tensor:
+    def forward(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
         """
         :param images: (N, 7, 7, 3)
-        :param instructions: (N, instruction)
+        :param instructions: (M, instruction)
+        :param row: (N,) which instruction belongs to each image
         :return: (N, image)
         """
-        kind, colour, state = images.long().flatten(1, 2).unbind(dim=-1)  # (N, 49) each
-        cells = self.embedding((kind * CELL_VALUES + colour) * CELL_VALUES + state)  # (N, 49, cell)
-        cells = self.film_cells(cells, instructions).relu()
-        view = self.film_view(self.normalise(self.convolution(cells.flatten(1))), instructions).relu()
+        cells = self.modulated_cells(images, instructions, row)
+        view = self.film_view(self.normalise(self.convolution(cells.flatten(1))), instructions, row).relu()
         return self.normalise(self.out(view))
+
+    def modulated_cells(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
+        """
+        Few kinds of cells occur, so each is modulated once by each instruction, and looked up after that.
+
+        :return: (N, 49, cell)
+        """
+        cells = (images.flatten(1, 2).long() * self.place_value).sum(dim=-1)  # (N, 49)
+        occurs = th.zeros(self.whole.num_embeddings, dtype=th.bool, device=cells.device)
+        occurs[cells.flatten()] = True
+        kinds = occurs.nonzero().squeeze(1)  # (U,)
+        pairs = th.arange(len(instructions), device=cells.device).repeat_interleave(len(kinds))
+        table = self.film_cells(self.embed(kinds).repeat(len(instructions), 1), instructions, pairs).relu()
+        return embedding(row.unsqueeze(1) * len(kinds) + (occurs.cumsum(0) - 1)[cells], table)
+
+    def embed(self, cells: th.Tensor) -> th.Tensor:
+        """
+        :param cells: (U,) type, colour and state as one number
+        :return: (U, cell)
+        """
+        digits = cells.unsqueeze(1) // self.place_value % CELL_VALUES  # (U, 3)
+        parts = [part(digit) for part, digit in zip(self.parts, digits.unbind(dim=1), strict=True)]
+        return self.whole(cells) + sum(parts)
 
 
 class FiLMBlock(nn.Module):
@@ -105,14 +135,15 @@ class FiLMBlock(nn.Module):
         self.second = nn.Conv2d(channels, out_channels, 3, padding=1)
         self.film = FiLM(condition_dim, out_channels)
 
-    def forward(self, x: th.Tensor, y: th.Tensor) -> th.Tensor:
+    def forward(self, x: th.Tensor, y: th.Tensor, row: th.Tensor) -> th.Tensor:
         """
         :param x: (N, channels, height, width)
-        :param y: (N, condition_dim)
+        :param y: (M, condition_dim)
+        :param row: (N,) which y modulates each x
         :return: (N, out_channels, height, width)
         """
         x = self.second(self.first(x).relu())
-        return self.film(x.movedim(1, -1), y).movedim(-1, 1).relu()
+        return self.film(x.movedim(1, -1), y, row).movedim(-1, 1).relu()
 
 
 class PaperVision(nn.Module):
@@ -137,15 +168,16 @@ class PaperVision(nn.Module):
         self.blocks = nn.ModuleList([FiLMBlock(size.instruction, size.cell, channels) for channels in (size.cell, size.image)])
         self.pool = pool
 
-    def forward(self, images: th.Tensor, instructions: th.Tensor) -> th.Tensor:
+    def forward(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
         """
         :param images: (N, 7, 7, 3)
-        :param instructions: (N, instruction)
+        :param instructions: (M, instruction)
+        :param row: (N,) which instruction belongs to each image
         :return: (N, image)
         """
         x = self.stem(images.float().permute(0, 3, 1, 2))  # (N, cell, 2, 2)
         for block in self.blocks:
-            x = block(x, instructions)
+            x = block(x, instructions, row)
         return self.pool(x).flatten(1)
 
 
@@ -174,19 +206,20 @@ class FiLMExtractor(BaseFeaturesExtractor):
         :param observations: "image" (N, 7, 7, 3) and "mission" (N, 72)
         :return: (N, features_dim)
         """
-        return self.encode(observations["image"], observations["mission"], th.arange(len(observations["image"])))
+        lengths = th.ones(len(observations["image"]), dtype=th.long, device=observations["image"].device)
+        features, position = self.encode(Sequences(observations["image"], observations["mission"], lengths))
+        return features[position]
 
-    def encode(self, images: th.Tensor, missions: th.Tensor, mission_of_image: th.Tensor) -> th.Tensor:
+    def encode(self, sequences: Sequences) -> tuple[th.Tensor, th.Tensor]:
         """
-        Encode frames, each distinct mission and each distinct (image, mission) once.
+        Encode each distinct mission and each distinct frame, which is an image with a mission, once.
 
-        :param images: (K, 7, 7, 3)
-        :param missions: (B, 72)
-        :param mission_of_image: (K,) row of ``missions`` that belongs to each image
-        :return: (K, features_dim)
+        :param sequences: B sequences of K frames in all
+        :return: features of the distinct frames (U, features_dim), and which of them belongs to each frame (K,)
         """
+        images, missions, lengths = sequences
         representatives, kind = distinct(missions)
         instructions = self.instruction(missions[representatives].long())
-        mission_of_image = kind[mission_of_image]
+        mission_of_image = kind.repeat_interleave(lengths)
         frames, position = distinct(th.cat([images.flatten(1), mission_of_image.unsqueeze(1)], dim=1))
-        return self.vision(images[frames], instructions[mission_of_image[frames]])[position]
+        return self.vision(images[frames], instructions, mission_of_image[frames]), position

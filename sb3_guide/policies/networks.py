@@ -27,8 +27,8 @@ class Latent(NamedTuple):
 
 class AgentNetwork(nn.Module):
     """
-    What all three networks share: ``remember`` turns frames into memory, ``latent`` turns memory into the heads' input.
-    SB3 calls a network as the policy's features extractor.
+    What all three networks share: ``remember`` and ``recall`` turn frames into memory, ``latent`` turns memory into the
+    heads' input. SB3 calls a network as the policy's features extractor.
     """
 
     state_size: int  # width of h, of c and of the memory
@@ -43,6 +43,13 @@ class AgentNetwork(nn.Module):
         """
         raise NotImplementedError
 
+    def recall(self, windows: Sequences) -> th.Tensor:
+        """
+        :param windows: B short sequences, each seen from nothing
+        :return: memory at the last frame of each (B, state_size)
+        """
+        raise NotImplementedError
+
     def latent(self, memory: th.Tensor, generator: th.Generator | None = None) -> Latent:
         """
         :param memory: (K, state_size)
@@ -52,12 +59,11 @@ class AgentNetwork(nn.Module):
 
     def forward(self, observations: Observations) -> Latent:
         """
-        Window memory: remember the window from nothing, keep its last frame.
+        Window memory.
 
         :param observations: of B worlds, see :func:`~sb3_guide.policies.sequences.windows`
         """
-        sequences = windows(observations)
-        return self.latent(self.remember(sequences)[0][sequences.last])
+        return self.latent(self.recall(windows(observations)))
 
 
 class Learner(AgentNetwork):
@@ -75,9 +81,11 @@ class Learner(AgentNetwork):
         self.state_size = self.features_dim = self.critic_dim = self.memory.hidden
 
     def remember(self, sequences: Sequences, state: State | None = None) -> tuple[th.Tensor, State]:
-        rows = th.arange(len(sequences.lengths), device=sequences.lengths.device)
-        features = self.film.encode(sequences.images, sequences.missions, rows.repeat_interleave(sequences.lengths))
-        return self.memory(features, sequences.lengths, state)
+        features, position = self.film.encode(sequences)
+        return self.memory(features[position], sequences.lengths, state)
+
+    def recall(self, windows: Sequences) -> th.Tensor:
+        return self.memory.last(*self.film.encode(windows), windows.lengths)
 
     def latent(self, memory: th.Tensor, generator: th.Generator | None = None) -> Latent:
         return Latent(memory, memory)
@@ -162,6 +170,9 @@ class Guide(GuideNetwork):
     def remember(self, sequences: Sequences, state: State | None = None) -> tuple[th.Tensor, State]:
         return self.speaker.remember(sequences, state)
 
+    def recall(self, windows: Sequences) -> th.Tensor:
+        return self.speaker.recall(windows)
+
     def speaker_memory(self, memory: th.Tensor) -> th.Tensor:
         return memory
 
@@ -203,6 +214,9 @@ class GuidedLearner(GuideNetwork):
         speaker, (speaker_h, speaker_c) = self.speaker.remember(sequences, self._part(state, 1))
         state = th.cat([learner_h, speaker_h], dim=-1), th.cat([learner_c, speaker_c], dim=-1)
         return th.cat([learner, speaker], dim=-1), state
+
+    def recall(self, windows: Sequences) -> th.Tensor:
+        return th.cat([self.learner.recall(windows), self.speaker.recall(windows)], dim=-1)
 
     def _part(self, state: State | None, part: int) -> State | None:
         """:return: the Learner's (0) or the speaker's (1) state"""

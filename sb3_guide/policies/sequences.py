@@ -21,11 +21,6 @@ class Sequences(NamedTuple):
     missions: th.Tensor
     lengths: th.Tensor
 
-    @property
-    def last(self) -> th.Tensor:
-        """:return: (B,) index of every sequence's last frame"""
-        return self.lengths.cumsum(0) - 1
-
 
 def windows(observations: Observations) -> Sequences:
     """

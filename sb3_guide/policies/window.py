@@ -14,8 +14,7 @@ class WindowMemory(AgentPolicy):
     carries_memory = False
 
     def memory(self, obs: Observations, state: State | None = None) -> th.Tensor:
-        sequences = windows(obs)
-        return self.network.remember(sequences)[0][sequences.last]
+        return self.network.recall(windows(obs))
 
 
 class LearnerPolicy(LearnerAgent, WindowMemory):

@@ -7,7 +7,7 @@ from sb3_contrib import RecurrentPPO
 from stable_baselines3 import A2C, PPO
 from stable_baselines3.common.vec_env import VecMonitor
 
-from sb3_guide.callbacks import SuccessRateCallback, TrainingCheckpoint, restore_training
+from sb3_guide.callbacks import StopTrainingOnSuccessRate, SuccessRateCallback, TrainingCheckpoint, restore_training
 from sb3_guide.callbacks.checkpoint import load_state
 from sb3_guide.envs import GuideGridVecEnv
 
@@ -24,19 +24,21 @@ def build(algorithm):
 
 @pytest.mark.parametrize("algorithm", [PPO, A2C, RecurrentPPO])
 def test_resumed_equals_uninterrupted(algorithm, tmp_path):
-    success_rate = SuccessRateCallback()
-    checkpoint = TrainingCheckpoint(tmp_path / "training.pt", success_rate, lambda: {"seconds": 1.5}, every_n_rollouts=5)
-    whole = build(algorithm).learn(8 * ROLLOUT, callback=[success_rate, checkpoint])
+    watchers = [SuccessRateCallback(), StopTrainingOnSuccessRate(1.0, n_episodes=1000)]
+    checkpoint = TrainingCheckpoint(tmp_path / "training.pt", watchers, lambda: {"seconds": 1.5}, every_n_rollouts=5)
+    whole = build(algorithm).learn(8 * ROLLOUT, callback=[*watchers, checkpoint])
 
     np.random.seed(99)  # noqa: NPY002  # whatever the streams were, they are restored
     th.manual_seed(99)
     state = load_state(tmp_path / "training.pt")
     resumed = build(algorithm)
-    restore_training(resumed, state)
+    restored = [SuccessRateCallback(), StopTrainingOnSuccessRate(1.0, n_episodes=1000)]
+    restore_training(resumed, state, restored)
     assert resumed.num_timesteps == 5 * ROLLOUT
-    resumed.learn(3 * ROLLOUT, reset_num_timesteps=False)
+    resumed.learn(3 * ROLLOUT, callback=restored, reset_num_timesteps=False)
 
     assert state["seconds"] == 1.5
+    assert [list(watcher.successes) for watcher in restored] == [list(watcher.successes) for watcher in watchers]
     assert resumed.num_timesteps == whole.num_timesteps
     assert [info["l"] for info in resumed.ep_info_buffer] == [info["l"] for info in whole.ep_info_buffer]
     for name, weight in whole.policy.state_dict().items():
