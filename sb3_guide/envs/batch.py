@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import cache
 from itertools import pairwise
 from threading import Timer
@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from sb3_guide.envs.consistency import problem_of
-from sb3_guide.envs.engine.kernel import Outputs, entry_points
+from sb3_guide.envs.engine.kernel import Observations, Outcomes, entry_points
 from sb3_guide.envs.engine.state import WORLD
 from sb3_guide.envs.engine.view import IMAGE_BYTES
 from sb3_guide.envs.levels import Level
@@ -35,11 +35,8 @@ def _tell() -> None:
 
 
 @contextmanager
-def _announced(entry_point: Any) -> Iterator[None]:
+def _announced() -> Iterator[None]:
     """Tell the user if the first use of an entry point has to wait for the compiler."""
-    if entry_point.overloads:
-        yield
-        return
     timer = Timer(_PATIENCE, _tell)
     timer.start()
     try:
@@ -69,11 +66,12 @@ class Batch:
         self.level = level
         self.size = size
         self.history = history
-        self.n_threads = min(n_threads, size)
+        threads = min(n_threads, size)
+        self._shares = list(pairwise(size * share // threads for share in range(threads + 1)))
         self.worlds = np.zeros(size, dtype=WORLD)
         self._rules = level.rules()
-        self._frames = np.zeros((size, (history + 1) * IMAGE_BYTES), dtype=np.uint8)
-        self._last_frames = np.zeros_like(self._frames)  # where an episode ended
+        self._frames = np.zeros((size, history * IMAGE_BYTES), dtype=np.uint8)  # the present image is the newest
+        self._last = self._new_observations()  # a row holds what was seen when its world's last episode ended
         self._started = False
         self._threads: ThreadPoolExecutor | None = None
 
@@ -127,10 +125,10 @@ class Batch:
 
         :return: the observations, in new arrays
         """
-        out = self._new_outputs()
+        out = self._new_observations()
         self._run(entry_points().reset, self.worlds, self._rules, self._frames, out)
         self._started = True
-        return self._observation(out)
+        return self._named(out)
 
     def step(self, actions: np.ndarray, go_on: bool) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray]:
         """
@@ -141,18 +139,20 @@ class Batch:
         :return: the observations, (size,) float64 rewards, (size,) bool terminated and truncated, in new arrays
         :raises ValueError: if the actions are not valid, or the worlds were never reset
         """
-        actions, out = self._checked(actions), self._new_outputs()
+        actions, out = self._checked(actions), self._new_observations()
+        outcomes = Outcomes(np.empty(self.size), np.empty(self.size, dtype=np.bool_), np.empty(self.size, dtype=np.bool_))
         step = entry_points().step
-        self._run(step, go_on, self.worlds, self._rules, actions, self._frames, self._last_frames, out)
-        return self._observation(out), out.reward, out.terminated, out.truncated
+        self._run(step, go_on, self.worlds, self._rules, actions, self._frames, out, self._last, outcomes)
+        return self._named(out), *outcomes
 
     def last_observations(self, indices: np.ndarray) -> list[Observation]:
         """:return: what the worlds at these indices showed at the end of their last episodes"""
-        frames = self._last_frames[indices].reshape(-1, self.history + 1, *IMAGE_SHAPE)
-        members = {"image": frames[:, -1], "mission": self.worlds["last_mission"][indices]}
-        if self.history:
-            members["history"] = frames[:, :-1]
-        return [dict(zip(members, row, strict=True)) for row in zip(*members.values(), strict=True)]
+        last = self._named(Observations(*(rows.take(indices, axis=0) for rows in self._last)))
+        pairs = zip(last["image"], last["mission"], strict=True)
+        observations: list[Observation] = [{"image": image, "mission": mission} for image, mission in pairs]
+        for observation, history in zip(observations, last.get("history", ()), strict=False):
+            observation["history"] = history
+        return observations
 
     def mission(self, index: int) -> str:
         """:return: a world's mission as text"""
@@ -162,7 +162,9 @@ class Batch:
         """:return: (height * 32, width * 32, 3) uint8, a world with the agent's view highlighted"""
         if not self._started:
             raise ValueError("a picture before the first reset: call reset() first")
-        return draw_frame(self.worlds[index], self._frames[index, -IMAGE_BYTES:].reshape(IMAGE_SHAPE), self.level)
+        image = np.empty((1, IMAGE_BYTES), dtype=np.uint8)
+        entry_points().look(0, 1, self.worlds[index : index + 1], image)
+        return draw_frame(self.worlds[index], image.reshape(IMAGE_SHAPE), self.level)
 
     def get_state(self) -> dict[str, np.ndarray]:
         """:return: copies of everything that the worlds' future depends on, by name; all arrays are (size, ...)"""
@@ -200,38 +202,36 @@ class Batch:
         actions = np.asarray(actions)
         if actions.shape != (self.size,) or not np.issubdtype(actions.dtype, np.integer):
             raise ValueError(f"actions are {actions.dtype}{actions.shape}: expected integers of shape ({self.size},)")
-        if actions.min() < 0 or actions.max() >= len(ACTIONS):
+        actions = np.ascontiguousarray(actions, dtype=np.int64)
+        if actions.view(np.uint64).max() >= len(ACTIONS):  # the negative ones are the highest now
             raise ValueError(f"actions from {actions.min()} to {actions.max()}: expected 0 to {len(ACTIONS) - 1}")
         if not self._started:
             raise ValueError("a step before the first reset: call reset() first")
-        return np.ascontiguousarray(actions, dtype=np.int64)
+        return actions
 
-    def _new_outputs(self) -> Outputs:
-        return Outputs(
+    def _new_observations(self) -> Observations:
+        return Observations(
             np.empty((self.size, IMAGE_BYTES), dtype=np.uint8),
             np.empty((self.size, self.history * IMAGE_BYTES), dtype=np.uint8),
             np.empty((self.size, MISSION_LENGTH), dtype=np.uint8),
-            np.empty(self.size),
-            np.empty(self.size, dtype=np.bool_),
-            np.empty(self.size, dtype=np.bool_),
         )
 
-    def _observation(self, out: Outputs) -> Observation:
-        observation = {"image": out.image.reshape(self.size, *IMAGE_SHAPE), "mission": out.mission}
+    def _named(self, rows: Observations) -> Observation:
+        members = {"image": rows.image.reshape(-1, *IMAGE_SHAPE), "mission": rows.mission}
         if self.history:
-            observation["history"] = out.history.reshape(self.size, self.history, *IMAGE_SHAPE)
-        return observation
+            members["history"] = rows.history.reshape(-1, self.history, *IMAGE_SHAPE)
+        return members
 
-    def _run(self, entry_point: Callable[..., object], *arguments: object) -> None:
-        """Call an entry point for all worlds, in equal shares for the threads."""
-        if self.n_threads == 1:
-            with _announced(entry_point):
-                entry_point(0, self.size, *arguments)
-            return
-        if self._threads is None:
-            self._threads = ThreadPoolExecutor(self.n_threads)
-        bounds = [self.size * share // self.n_threads for share in range(self.n_threads + 1)]
-        with _announced(entry_point):
-            shares = [self._threads.submit(entry_point, *ends, *arguments) for ends in pairwise(bounds)]
-            for share in shares:
+    def _run(self, entry_point: Any, *arguments: Any) -> None:
+        """Call an entry point for all worlds, in equal shares for the threads, of which the caller is one."""
+        own, *others = self._shares
+        with nullcontext() if entry_point.overloads else _announced():
+            running = [self._pool().submit(entry_point, *share, *arguments) for share in others]
+            entry_point(*own, *arguments)
+            for share in running:
                 share.result()
+
+    def _pool(self) -> ThreadPoolExecutor:
+        if self._threads is None:
+            self._threads = ThreadPoolExecutor(len(self._shares) - 1)
+        return self._threads

@@ -21,7 +21,6 @@ _RANGES = {
     "clauses": (0, MAX_CLAUSES),
     "second_side": (0, MAX_CLAUSES),
     "mission": (0, VOCABULARY_SIZE - 1),
-    "last_mission": (0, VOCABULARY_SIZE - 1),
 }
 
 

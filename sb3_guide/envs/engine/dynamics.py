@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
 from numba import njit
 
 from sb3_guide.envs.engine.cells import AHEAD, BOX, CLOSED, DOOR, EMPTY, KEY, LOCKED, OPAQUE, OPEN, TYPE_BITS
 from sb3_guide.envs.engine.missions import contains
 from sb3_guide.envs.engine.rooms import distance
-from sb3_guide.envs.engine.state import AFTER, ALONE, CARRIED, GONE, GOTO, NOTHING, OPEN_DOOR, PICKUP, World
+from sb3_guide.envs.engine.state import AFTER, ALONE, CARRIED, GONE, GOTO, MAX_OBJECTS, NOTHING, OPEN_DOOR, PICKUP, World
 
+_ZERO = np.uint64(0)
 _LEFT, _RIGHT, _FORWARD, _PICKUP, _DROP, _TOGGLE = range(6)
 
 
@@ -74,10 +76,10 @@ def act(world: World, action: int) -> None:
 @njit
 def faces_target(world: World, clause: int, front: int) -> bool:
     """:return: whether the verifier believes that an object of the clause lies in front"""
-    for thing in range(world.objects):  # noqa: SIM110  numba has no any() of a generator
-        if world.tracked[thing] == front and contains(world.targets[clause, 0], thing):
-            return True
-    return False
+    there = _ZERO
+    for thing in range(MAX_OBJECTS):  # all that there could be: a loop of fixed length becomes a few wide instructions
+        there |= np.uint64(world.tracked[thing] == front) << np.uint64(thing)
+    return there & world.targets[clause, 0] != _ZERO
 
 
 @njit

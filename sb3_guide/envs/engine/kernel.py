@@ -22,22 +22,34 @@ from sb3_guide.envs.engine.recipes import start_episode
 from sb3_guide.envs.engine.state import Rules, World
 from sb3_guide.envs.engine.view import IMAGE_BYTES, observe
 
+# Numba counts references to every array and row that it touches, by locked instructions that took half of the kernel's time.
+# Without its runtime it does not count; then nothing that the entry points call can allocate memory.
+_OPTIONS = {"nogil": True, "cache": True, "_nrt": False}
 
-class Outputs(NamedTuple):
+
+class Observations(NamedTuple):
     """
-    Where the entry points write, a row for every world.
+    Where the entry points write what the agents see, a row for every world.
 
     :param image: (N, 147) uint8, the (7, 7, 3) image
     :param history: (N, history * 147) uint8, the images before, oldest first
     :param mission: (N, 72) uint8
-    :param reward: (N,) float64, of a step
-    :param terminated: (N,) bool, by a step
-    :param truncated: (N,) bool, by a step
     """
 
     image: np.ndarray
     history: np.ndarray
     mission: np.ndarray
+
+
+class Outcomes(NamedTuple):
+    """
+    Where a step writes how it went, a row for every world.
+
+    :param reward: (N,) float64
+    :param terminated: (N,) bool
+    :param truncated: (N,) bool
+    """
+
     reward: np.ndarray
     terminated: np.ndarray
     truncated: np.ndarray
@@ -47,10 +59,12 @@ class EntryPoints(NamedTuple):
     """
     :param step: act, observe and, if asked, begin new episodes where the old ones ended
     :param reset: begin new episodes and observe
+    :param look: write the images only
     """
 
     step: Callable[..., int]
     reset: Callable[..., int]
+    look: Callable[..., int]
 
 
 def sources_digest() -> int:
@@ -68,19 +82,21 @@ def copy_bytes(source: np.ndarray, target: np.ndarray) -> None:
 
 
 @njit
+def show(world: World, frames: np.ndarray, index: int, out: Observations) -> None:
+    """Write a world's observation; the image becomes the newest of the frames, its last `history` images."""
+    copy_bytes(frames, out.history[index])
+    observe(world, out.image[index])
+    copy_bytes(world.mission, out.mission[index])
+    if len(frames):
+        copy_bytes(frames[IMAGE_BYTES:], frames[:-IMAGE_BYTES])  # forwards, so the overlap does no harm
+        copy_bytes(out.image[index], frames[-IMAGE_BYTES:])
+
+
+@njit
 def begin(world: World, rules: Rules, frames: np.ndarray) -> None:
     """Begin an episode: no image has been seen before the first one."""
     start_episode(world, rules)
     frames[:] = 0
-    observe(world, frames[-IMAGE_BYTES:])
-
-
-@njit
-def publish(world: World, frames: np.ndarray, index: int, out: Outputs) -> None:
-    """Copy a world's observation to where the caller keeps it."""
-    copy_bytes(frames, out.history[index])
-    copy_bytes(frames[-IMAGE_BYTES:], out.image[index])
-    copy_bytes(world.mission, out.mission[index])
 
 
 def _build(digest: int) -> EntryPoints:
@@ -91,7 +107,7 @@ def _build(digest: int) -> EntryPoints:
     :return: the entry points, which return the digest
     """
 
-    @njit(nogil=True, cache=True)
+    @njit(**_OPTIONS)
     def step(
         start: int,
         stop: int,
@@ -99,38 +115,35 @@ def _build(digest: int) -> EntryPoints:
         worlds: np.ndarray,  # (N,) WORLD
         rules: np.ndarray,  # (1,) RULES
         actions: np.ndarray,  # (N,) int64
-        frames: np.ndarray,  # (N, (history + 1) * 147) uint8, the images of `Outputs` in order
-        last_frames: np.ndarray,  # the same, where an episode ended
-        out: Outputs,
+        frames: np.ndarray,  # (N, history * 147) uint8
+        out: Observations,
+        last: Observations,  # the last ones of the episodes that ended
+        outcomes: Outcomes,
     ) -> int:
         for index in range(start, stop):
-            world, seen = worlds[index], frames[index]
+            world = worlds[index]
             reward, terminated, truncated = advance(world, actions[index])
-            out.reward[index], out.terminated[index], out.truncated[index] = reward, terminated, truncated
-            copy_bytes(seen[IMAGE_BYTES:], seen[:-IMAGE_BYTES])  # forwards, so the overlap does no harm
-            observe(world, seen[-IMAGE_BYTES:])
+            outcomes.reward[index], outcomes.terminated[index], outcomes.truncated[index] = reward, terminated, truncated
             if go_on and (terminated or truncated):
-                copy_bytes(seen, last_frames[index])
-                copy_bytes(world.mission, world.last_mission)
-                begin(world, rules[0], seen)
-            publish(world, seen, index, out)
+                show(world, frames[index], index, last)
+                begin(world, rules[0], frames[index])
+            show(world, frames[index], index, out)
         return digest
 
-    @njit(nogil=True, cache=True)
-    def reset(
-        start: int,
-        stop: int,
-        worlds: np.ndarray,
-        rules: np.ndarray,
-        frames: np.ndarray,
-        out: Outputs,
-    ) -> int:
+    @njit(**_OPTIONS)
+    def reset(start: int, stop: int, worlds: np.ndarray, rules: np.ndarray, frames: np.ndarray, out: Observations) -> int:
         for index in range(start, stop):
             begin(worlds[index], rules[0], frames[index])
-            publish(worlds[index], frames[index], index, out)
+            show(worlds[index], frames[index], index, out)
         return digest
 
-    return EntryPoints(step, reset)
+    @njit(**_OPTIONS)
+    def look(start: int, stop: int, worlds: np.ndarray, images: np.ndarray) -> int:
+        for index in range(start, stop):
+            observe(worlds[index], images[index])
+        return digest
+
+    return EntryPoints(step, reset, look)
 
 
 @cache

@@ -70,17 +70,17 @@ def turn_grey(world: World, first: int) -> None:
 
 
 @njit
-def draw_listed_door(world: World, rules: Rules) -> int:
+def draw_listed_door(world: World, rules: Rules, doors: int) -> int:
     """:return: a door, drawn as Minigrid does: rooms column by column, so every door is listed by both its rooms"""
-    listed = np.empty(rules.columns * rules.rows * 4, dtype=np.int8)
-    count = 0
+    left = draw(world, 0, 2 * doors)
+    found = NOTHING
     for column in range(rules.columns):
         for row in range(rules.rows):
             for door in world.doors[row * rules.columns + column]:
                 if door != NOTHING:
-                    listed[count] = door
-                    count += 1
-    return listed[draw(world, 0, count)]
+                    found = door if left == 0 else found
+                    left -= 1
+    return found
 
 
 @njit
@@ -88,13 +88,13 @@ def draw_target(world: World, rules: Rules, first: int) -> None:
     """
     Draw the mission of a plain level.
 
-    :param first: the first distractor's index
+    :param first: the first distractor's index; before it are the doors
     """
     if rules.red_ball:
         add_clause(world, GOTO, (BALL, RED, ANY))
         return
     if rules.target == OPEN_DOOR:
-        add_clause(world, OPEN_DOOR, appearance(world, draw_listed_door(world, rules)))
+        add_clause(world, OPEN_DOOR, appearance(world, draw_listed_door(world, rules, first)))
         return
     chosen = draw(world, 0, rules.distractors)
     add_clause(world, rules.target, appearance(world, first + chosen))
@@ -106,7 +106,7 @@ def draw_target(world: World, rules: Rules, first: int) -> None:
 @njit
 def make_rooms(world: World, rules: Rules) -> bool:
     """Recipe of the levels with one plain clause. :return: False if Minigrid would reject the grid"""
-    if not (place_agent(world, rules) and connect_all(world, rules, COLOUR_DRAWS)):
+    if not (place_agent(world, rules) and connect_all(world, rules)):
         return False
     if rules.red_ball and not add_object(world, rules, 0, BALL | RED << 3):
         return False
@@ -115,7 +115,7 @@ def make_rooms(world: World, rules: Rules) -> bool:
         return False
     if rules.grey:
         turn_grey(world, first)
-    if rules.access != ANYWHERE and all_reachable(world) != (rules.access == REACHABLE):
+    if rules.access != ANYWHERE and all_reachable(world, rules) != (rules.access == REACHABLE):
         return False
     draw_target(world, rules, first)
     return True
@@ -154,16 +154,14 @@ def make_locked_room(world: World, rules: Rules) -> bool:
     colour = lock(world, rules, room, side)
     if not add_object(world, rules, draw_room(world, rules), KEY | colour << 3):
         return False
-    colours = COLOUR_DRAWS
-    if rules.target == OPEN_DOOR and draw_bool(world):
-        colours = COLOUR_DRAWS[colour != COLOUR_DRAWS]
-    if not connect_all(world, rules, colours):
+    without = colour if rules.target == OPEN_DOOR and draw_bool(world) else NOTHING
+    if not connect_all(world, rules, without):
         return False
     for column in range(rules.columns):
         for row in range(rules.rows):
             if not add_distractors(world, rules, row * rules.columns + column, rules.distractors, False):
                 return False
-    if not (place_agent_outside(world, rules) and all_reachable(world)):
+    if not (place_agent_outside(world, rules) and all_reachable(world, rules)):
         return False
     if rules.target == OPEN_DOOR:
         add_clause(world, OPEN_DOOR, (DOOR, colour, ANY))
@@ -269,13 +267,13 @@ def make_language(world: World, rules: Rules) -> bool:
     """Recipe of the levels that speak all of BabyAI's language. :return: False if Minigrid would reject the grid"""
     if draw_unit(world) < rules.locked_room_probability and not add_locked_room(world, rules):
         return False
-    if not connect_all(world, rules, COLOUR_DRAWS):
+    if not connect_all(world, rules):
         return False
     if not add_distractors(world, rules, NOTHING, rules.distractors, False):
         return False
     if not place_agent_outside(world, rules):
         return False
-    if rules.access == REACHABLE and not all_reachable(world):
+    if rules.access == REACHABLE and not all_reachable(world, rules):
         return False
     return draw_sentence(world, rules)
 

@@ -7,7 +7,6 @@ from numba import njit
 
 from sb3_guide.envs.engine.cells import (
     AHEAD,
-    AREA,
     CLOSED,
     COLOUR_DRAWS,
     DOOR,
@@ -24,6 +23,7 @@ from sb3_guide.envs.engine.stream import draw
 
 _PLACE_TRIES = 1001  # Minigrid gives up a grid after so many draws of a position ...
 _CONNECT_TRIES = 5001  # ... or of a door
+_RANKS = np.argsort(COLOUR_DRAWS)  # where a colour stands in the draw
 
 
 @njit
@@ -104,9 +104,12 @@ def add_thing(world: World, look: int, position: int) -> int:
 
 
 @njit
-def draw_colour(world: World) -> int:
-    """:return: one of the six colours"""
-    return COLOUR_DRAWS[draw(world, 0, len(COLOUR_DRAWS))]
+def draw_colour(world: World, without: int = NOTHING) -> int:
+    """:return: one of the six colours, or of five if one is left out"""
+    if without == NOTHING:
+        return COLOUR_DRAWS[draw(world, 0, len(COLOUR_DRAWS))]
+    rank = draw(world, 0, len(COLOUR_DRAWS) - 1)
+    return COLOUR_DRAWS[rank + (rank >= _RANKS[without])]
 
 
 @njit
@@ -144,6 +147,15 @@ def add_object(world: World, rules: Rules, room: int, look: int) -> bool:
 
 
 @njit
+def has_look(world: World, look: int) -> bool:
+    """:return: whether an object looks like that"""
+    for thing in range(world.objects):  # noqa: SIM110  numba has no any() of a generator
+        if world.look[thing] == look:
+            return True
+    return False
+
+
+@njit
 def add_distractors(world: World, rules: Rules, room: int, count: int, unique: bool) -> bool:
     """
     Add random keys, balls and boxes.
@@ -157,7 +169,7 @@ def add_distractors(world: World, rules: Rules, room: int, count: int, unique: b
     while added < count:
         colour = draw_colour(world)
         look = KEY + draw(world, 0, 3) | colour << 3
-        if unique and np.any(world.look[: world.objects] == look):
+        if unique and has_look(world, look):
             continue
         place = draw_room(world, rules) if room == NOTHING else room
         if not add_object(world, rules, place, look):
@@ -193,11 +205,11 @@ def connected(world: World, rules: Rules) -> bool:
 
 
 @njit
-def connect_all(world: World, rules: Rules, colours: np.ndarray) -> bool:
+def connect_all(world: World, rules: Rules, without: int = NOTHING) -> bool:
     """
     Add doors until every room can be reached. A locked room keeps its one door.
 
-    :param colours: the colours to draw from, in the order of the draw
+    :param without: a colour that no door gets, or NOTHING
     :return: False if that is impossible
     """
     for _ in range(_CONNECT_TRIES):
@@ -209,7 +221,7 @@ def connect_all(world: World, rules: Rules, colours: np.ndarray) -> bool:
             continue
         if world.room_locked[room] or world.room_locked[neighbour(rules, room, side)]:
             continue
-        add_door(world, rules, room, side, colours[draw(world, 0, len(colours))], CLOSED)
+        add_door(world, rules, room, side, draw_colour(world, without), CLOSED)
     return False
 
 
@@ -233,25 +245,31 @@ def place_agent(world: World, rules: Rules) -> bool:
 
 
 @njit
-def all_reachable(world: World) -> bool:
+def around(rows: np.ndarray, row: int) -> int:
+    """:return: bits of the columns in this row that are set or next to one that is set, in rows of bits"""
+    return rows[row] | rows[row] << 1 | rows[row] >> 1 | rows[row - 1] | rows[row + 1]
+
+
+@njit
+def all_reachable(world: World, rules: Rules) -> bool:
     """:return: whether the agent can come next to every object and door without moving an object; locks do not count"""
-    seen = np.zeros(AREA, dtype=np.bool_)
-    waiting = np.empty(AREA, dtype=np.int16)
-    seen[world.agent] = True
-    waiting[0] = world.agent
-    count = 1
-    while count:
-        count -= 1
-        here = waiting[count]
-        if world.cells[here] != EMPTY and world.cells[here] & TYPE_BITS != DOOR:
-            continue
-        for offset in AHEAD:
-            there = here + offset
-            if not seen[there]:
-                seen[there] = True
-                waiting[count] = there
-                count += 1
-    for thing in range(world.objects):  # noqa: SIM110  numba has no all() of a generator
-        if not seen[world.position[thing]]:
+    inner = rules.room_size - 1
+    top, bottom, width = PADDING, PADDING + rules.rows * inner, rules.columns * inner
+    for row in range(top, bottom + 1):
+        world.reached[row] = world.clear[row] = 0
+        for column in range(width):
+            cell = world.cells[row * STRIDE + column]
+            world.clear[row] |= (cell == EMPTY or cell & TYPE_BITS == DOOR) << column
+    world.reached[world.agent // STRIDE] = 1 << world.agent % STRIDE
+    growing = True
+    while growing:
+        growing = False
+        for row in range(top + 1, bottom):
+            reached = around(world.reached, row) & world.clear[row]
+            growing |= reached != world.reached[row]
+            world.reached[row] = reached
+    for thing in range(world.objects):
+        row, column = world.position[thing] // STRIDE, world.position[thing] % STRIDE
+        if not around(world.reached, row) >> column & 1:
             return False
     return True

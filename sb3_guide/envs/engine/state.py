@@ -6,7 +6,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from sb3_guide.envs.engine.cells import AREA
+from sb3_guide.envs.engine.cells import AREA, STRIDE
 from sb3_guide.envs.vocabulary import MISSION_LENGTH
 
 MAX_OBJECTS = 64  # doors included; a set of objects is a mask of 64 bits
@@ -48,12 +48,14 @@ WORLD = np.dtype(
         ("connective", np.int8),
         ("first_done", np.bool_),  # whether the side that comes first in time is done
         ("mission", np.uint8, (MISSION_LENGTH,)),
-        ("last_mission", np.uint8, (MISSION_LENGTH,)),  # of the episode that ended last
         ("doors", np.int8, (MAX_ROOMS, 4)),  # object or NOTHING, to the right, down, left, up
         ("door_position", np.int16, (MAX_ROOMS, 4)),  # or NOTHING where the grid ends
         ("room_locked", np.uint8, (MAX_ROOMS,)),
         ("locked_room", np.int8),  # or NOTHING
         ("cells", np.uint8, (AREA,)),
+        # The generator's notes: for every row of cells a bit for every column, whether the agent could stand there, and come.
+        ("clear", np.int32, (AREA // STRIDE,)),
+        ("reached", np.int32, (AREA // STRIDE,)),
     ],
     align=True,
 )
