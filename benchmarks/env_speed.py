@@ -15,7 +15,6 @@ import platform
 import time
 from collections.abc import Callable
 from contextlib import redirect_stdout
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import gymnasium
@@ -23,12 +22,12 @@ import numpy as np
 from stable_baselines3.common.vec_env import DummyVecEnv
 from tqdm import tqdm
 
+from benchmarks.versions import installed, versions
 from sb3_guide.envs import ACTIONS, LEVELS, GuideGridVecEnv, level_of
 from sb3_guide.envs.batch import Batch
 
 Step = Callable[[np.ndarray], object]
 ROUND = 16  # steps between two looks at the clock
-PACKAGES = ("sb3-guide", "minigrid", "envpool", "stable-baselines3", "gymnasium", "numba")
 ALL_CORES = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
 
 
@@ -125,14 +124,6 @@ def pin(cores: int) -> None:
         os.sched_setaffinity(0, set(sorted(ALL_CORES)[:cores]))
 
 
-def installed(package: str) -> str | None:
-    """:return: the version of a package, None if it is not installed"""
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return None
-
-
 def measure(levels: list[str], sizes: list[int], engines: list[str], seconds: float) -> list[dict[str, object]]:
     """:return: a row for every engine, level and number of worlds"""
     rows: list[dict[str, object]] = []
@@ -157,12 +148,11 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=2.0, help="for each measurement")
     parser.add_argument("--out", type=Path, help="JSON file for the results")
     arguments = parser.parse_args()
-    packages = {name: installed(name) for name in PACKAGES}
-    engines = [engine for engine in arguments.engines if engine != "envpool" or packages["envpool"]]
+    engines = [engine for engine in arguments.engines if engine != "envpool" or installed("envpool")]
     levels = [level_of(level).name for level in arguments.levels]
     rows = measure(levels, arguments.worlds, engines, arguments.seconds)
     if arguments.out:
-        report = {"machine": platform.processor() or platform.machine(), "versions": packages, "speed": rows}
+        report = {"machine": platform.processor() or platform.machine(), "versions": versions(), "speed": rows}
         arguments.out.write_text(json.dumps(report, indent=1))
 
 
