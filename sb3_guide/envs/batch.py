@@ -19,6 +19,7 @@ from sb3_guide.envs.engine.state import WORLD
 from sb3_guide.envs.engine.view import IMAGE_BYTES
 from sb3_guide.envs.levels import Level
 from sb3_guide.envs.rendering import draw_frame
+from sb3_guide.envs.seeding import streams
 from sb3_guide.envs.spaces import ACTIONS, IMAGE_SHAPE
 from sb3_guide.envs.vocabulary import MISSION_LENGTH, decode
 
@@ -78,17 +79,16 @@ class Batch:
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_threads": None}
 
-    def seed(self, index: int, seed: int | None) -> None:
+    def seed(self, chosen: np.ndarray, seeds: np.ndarray) -> None:
         """
-        Start a world's random stream anew.
+        Start random streams anew.
 
-        :param index: which world
-        :param seed: as for Gymnasium; None takes entropy from the system
-        :raises ValueError: if the seed is negative
+        :param chosen: (size,) bool, which worlds
+        :param seeds: (K,) uint64, one for each of them, as for Gymnasium
         """
-        if seed is not None and seed < 0:
-            raise ValueError(f"seed={seed}: expected a non-negative integer")
-        self.set_generator(index, np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed))))
+        self.worlds["stream"][chosen] = streams(seeds)
+        self.worlds["has_uint32"][chosen] = 0
+        self.worlds["uinteger"][chosen] = 0
 
     def generator(self, index: int) -> np.random.Generator:
         """:return: a generator at the present state of a world's random stream"""

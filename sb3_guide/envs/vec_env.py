@@ -18,6 +18,7 @@ from sb3_guide.envs.batch import Batch, Observation
 from sb3_guide.envs.env import GuideGridEnv
 from sb3_guide.envs.levels import Level, level_of
 from sb3_guide.envs.rendering import checked_render_mode
+from sb3_guide.envs.seeding import HIGHEST_SEED
 from sb3_guide.envs.spaces import DEFAULT_HISTORY, action_space, observation_space
 
 
@@ -152,10 +153,10 @@ class GuideGridVecEnv(VecEnv):
 
         :param seed: world i gets seed + i; None chooses at random
         :return: the worlds' seeds
-        :raises ValueError: if the seed is negative
+        :raises ValueError: if the seed is negative or has more than 64 bits
         """
-        if seed is not None and seed < 0:
-            raise ValueError(f"seed={seed}: expected a non-negative integer")
+        if seed is not None and not 0 <= seed <= HIGHEST_SEED - self.num_envs:
+            raise ValueError(f"seed={seed}: expected a non-negative integer of at most 64 bits")
         return super().seed(seed)
 
     def reset(self) -> Observation:
@@ -164,9 +165,11 @@ class GuideGridVecEnv(VecEnv):
 
         :return: the observations
         """
-        for index, seed in enumerate(self._seeds):
-            if seed is not None or not self._batch.worlds["stream"][index].any():
-                self._batch.seed(index, seed)
+        seeded = np.array([seed is not None for seed in self._seeds])
+        seeds = np.random.SeedSequence().generate_state(self.num_envs, np.uint64)  # for worlds that never had any
+        seeds[seeded] = [seed for seed in self._seeds if seed is not None]
+        chosen = seeded | ~self._batch.worlds["stream"].any(axis=1)
+        self._batch.seed(chosen, seeds[chosen])
         self._reset_seeds()
         self._reset_options()
         self.reset_infos = [{} for _ in range(self.num_envs)]

@@ -15,6 +15,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 from sb3_guide.envs import LEVELS, GuideGridEnv, GuideGridVecEnv, observation_space
+from sb3_guide.envs.seeding import streams
 from tests.envs.oracle import mixed_actions
 
 LEVEL = "GuideGrid-GoToLocal-v0"
@@ -106,6 +107,14 @@ def test_seeds() -> None:
     env.seed(7)
     assert_same(first, env.reset())
     assert_same(second, env.reset())
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2**32 - 1, 2**32, 2**63 + 12345])
+def test_streams_are_numpys(seed: int) -> None:
+    """Before anything is drawn, a world's generator is the one that Gymnasium makes of the seed."""
+    expected = np.random.PCG64(np.random.SeedSequence(seed)).state["state"]
+    state, increment = streams(np.array([0, seed], dtype=np.uint64))[1].reshape(2, 2).tolist()
+    assert expected == {"state": state[0] << 64 | state[1], "inc": increment[0] << 64 | increment[1]}
 
 
 def test_missions_of_chosen_seeds() -> None:
@@ -214,6 +223,7 @@ def test_wrong_actions_are_refused(actions: np.ndarray) -> None:
         ({"n_envs": 0}, "n_envs=0"),
         ({"env_id": "GuideGrid-Nowhere-v0"}, "GuideGrid-Nowhere-v0.*GoToObj"),
         ({"seed": -1}, "seed=-1"),
+        ({"seed": 2**64}, "at most 64 bits"),
         ({"history": -1}, "history=-1"),
         ({"n_threads": 0}, "n_threads=0"),
         ({"render_mode": "ansi"}, "ansi"),
