@@ -1,14 +1,47 @@
 """Hyper-parameters, which live in zoo_configs/ only."""
 
+import math
 from pathlib import Path
 from typing import Any
 
 import yaml
+from stable_baselines3.common.type_aliases import Schedule
 
 from sb3_guide.envs import level_of
 
 PACKAGE = Path(__file__).parents[1]
 FOLDERS = (PACKAGE / "zoo_configs", PACKAGE.parent / "zoo_configs")  # inside a wheel, beside the package in a checkout
+
+OF_THE_ZOO = ("policy", "n_envs", "n_timesteps", "env_kwargs", "callback")  # keys that rl-zoo itself reads
+
+
+def algorithm_arguments(config: dict[str, Any]) -> dict[str, Any]:
+    """
+    :param config: a level's entry in rl-zoo's format
+    :return: what of it SB3's algorithm takes by name, "lin_x" being a schedule from x down to 0
+    :raises ValueError: if a schedule is of another kind
+    """
+    return {
+        name: schedule(value) if isinstance(value, str) and name in ("learning_rate", "clip_range") else value
+        for name, value in config.items()
+        if name not in OF_THE_ZOO
+    }
+
+
+def schedule(text: str) -> Schedule:
+    """
+    :param text: such as "lin_0.001"
+    :return: a schedule for SB3
+    :raises ValueError: if it is of another kind
+    """
+    kind, _, initial = text.partition("_")
+    try:
+        start = float(initial)
+    except ValueError:
+        start = math.nan
+    if kind != "lin" or math.isnan(start):
+        raise ValueError(f"schedule {text!r} is unknown: expected a number, or lin_ and a number")
+    return lambda progress_remaining: progress_remaining * start
 
 
 def load_config(name: str, level: str, file: Path | None = None) -> dict[str, Any]:

@@ -12,12 +12,11 @@ from tqdm import tqdm
 from sb3_guide.callbacks import StopTrainingOnSuccessRate, SuccessRateCallback, TrainingCheckpoint, restore_training
 from sb3_guide.callbacks.checkpoint import load_state
 from sb3_guide.envs import GuideGridVecEnv, level_of
-from sb3_guide.experiments.configs import load_config
+from sb3_guide.experiments.configs import algorithm_arguments, load_config
 from sb3_guide.experiments.runs import TableWriter, plain_values, stage, use_threads
 from sb3_guide.policies import AgentPolicy, load_agent, save_agent
 from sb3_guide.policies.saving import load_weights, weights_of
 
-NOT_OF_THE_ALGORITHM = ("policy", "n_envs", "n_timesteps", "env_kwargs", "callback")  # keys that rl-zoo itself reads
 EARLY_STOP = "sb3_guide.callbacks.StopTrainingOnSuccessRate"
 
 
@@ -81,8 +80,7 @@ def build(level: str, seed: int, config: dict[str, Any]) -> PPO:
     :return: PPO in its worlds, not yet trained
     """
     venv = VecMonitor(GuideGridVecEnv(level_of(level).env_id, config["n_envs"], **config.get("env_kwargs", {})))
-    of_algorithm = {name: value for name, value in config.items() if name not in NOT_OF_THE_ALGORITHM}
-    return PPO(config["policy"], venv, seed=seed, **of_algorithm)
+    return PPO(config["policy"], venv, seed=seed, **algorithm_arguments(config))
 
 
 def build_callbacks(config: dict[str, Any]) -> list[StopTrainingOnSuccessRate]:

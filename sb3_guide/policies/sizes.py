@@ -26,7 +26,7 @@ class Size(NamedTuple):
 
 
 SIZES = {
-    "compact": Size(word=32, instruction=128, cell=32, image=128, memory=128, symbol=32, message=64),
+    "compact": Size(word=32, instruction=128, cell=32, image=128, memory=64, symbol=32, message=64),
     # Table A.2 of the paper; cell, symbol and message are those of the authors' code
     "paper": Size(word=256, instruction=256, cell=128, image=256, memory=2048, symbol=256, message=512),
 }

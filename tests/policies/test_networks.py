@@ -2,6 +2,7 @@
 
 import pytest
 import torch as th
+from sb3_contrib.common.recurrent.policies import RecurrentActorCriticPolicy
 from sb3_contrib.common.recurrent.type_aliases import RNNStates
 
 from sb3_guide.policies import (
@@ -59,7 +60,7 @@ def test_a_window_as_long_as_the_episode_equals_carried_memory(window_class, car
     in_window, carried = make_policy(window_class, history=5), make_policy(carried_class)
     carried.load_state_dict(in_window.state_dict())
     images, mission = random_images(6, 2), random_missions(2)  # 6 steps in 2 worlds
-    history, state = th.zeros(2, 5, 7, 7, 3, dtype=th.uint8), (th.zeros(1, 2, 128), th.zeros(1, 2, 128))
+    history, state = th.zeros(2, 5, 7, 7, 3, dtype=th.uint8), (th.zeros(1, 2, 64), th.zeros(1, 2, 64))
     with th.no_grad():
         for step, image in enumerate(images):
             distribution, state = carried.get_distribution(
@@ -95,6 +96,23 @@ def test_padded_sequences_equal_single_steps(carried_class, tmp_path):
             row = th.arange(worlds) * steps + step
             assert th.allclose(values[row], value, atol=1e-5)
             assert th.allclose(log_prob[row], distribution.log_prob(actions[row]), atol=1e-5)
+
+
+def test_carried_memory_equals_sb3_contribs_loop_over_time():
+    policy, n_seq, steps = make_policy(RecurrentLearnerPolicy), 3, 5
+    obs = {"image": random_images(n_seq * steps), "mission": random_missions(n_seq).repeat_interleave(steps, dim=0)}
+    state = tuple(th.randn(1, n_seq, policy.network.state_size) for _ in range(2))
+    starts = th.zeros(n_seq, steps)
+    starts[1, 0] = 1.0
+    lstm = th.nn.LSTM(policy.network.film.features_dim, policy.network.state_size)
+    lstm.load_state_dict(policy.network.memory.lstm.state_dict())
+    with th.no_grad():
+        features = policy.network.film(obs)
+        expected, after = RecurrentActorCriticPolicy._process_sequence(features, state, starts.flatten(), lstm)
+        latent, own_after = policy._carry(obs, state, starts.flatten())
+    assert th.allclose(latent.pi, expected, atol=1e-5)
+    for own, theirs in zip(own_after, after, strict=True):
+        assert th.allclose(own, theirs, atol=1e-5)
 
 
 def test_sequences_do_not_depend_on_their_batch_mates():
