@@ -55,7 +55,7 @@ def ours_on_two_threads(level: str, worlds: int) -> Step:
 def kernel(level: str, worlds: int) -> Step:
     """:return: a step without what SB3 asks for in Python: infos and last observations"""
     batch = Batch(level_of(level), worlds, history=0)
-    batch.seed(np.ones(worlds, dtype=np.bool_), np.arange(worlds, dtype=np.uint64))
+    batch.seed(range(worlds))
     batch.reset()
     return lambda actions: batch.step(actions, go_on=True)
 
@@ -63,7 +63,7 @@ def kernel(level: str, worlds: int) -> Step:
 def kernel_on_two_threads(level: str, worlds: int) -> Step:
     """:return: the same, shared by two threads"""
     batch = Batch(level_of(level), worlds, history=0, n_threads=2)
-    batch.seed(np.ones(worlds, dtype=np.bool_), np.arange(worlds, dtype=np.uint64))
+    batch.seed(range(worlds))
     batch.reset()
     return lambda actions: batch.step(actions, go_on=True)
 

@@ -5,6 +5,7 @@ Importing this package registers every level as `GuideGrid-<Level>-v0`.
 """
 
 import gymnasium
+from gymnasium import vector
 
 from sb3_guide.envs.env import GuideGridEnv
 from sb3_guide.envs.levels import LEVELS, Level, level_of
@@ -28,11 +29,15 @@ __all__ = [
     "observation_space",
 ]
 
+# Since 1.1, Gymnasium lets a vector env say when it begins new episodes; without that, `make_vec` has to use single envs.
+_vector_env = "sb3_guide.envs.vector_env:GuideGridVectorEnv" if hasattr(vector, "AutoresetMode") else None
+
 for _level in LEVELS.values():
     if _level.env_id not in gymnasium.registry:
         gymnasium.register(
             _level.env_id,
             entry_point="sb3_guide.envs.env:GuideGridEnv",
+            vector_entry_point=_vector_env,
             kwargs={"level": _level.name},
             disable_env_checker=True,  # its warnings, about the images' shape, are expected
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext
 from functools import cache
@@ -19,7 +19,7 @@ from sb3_guide.envs.engine.state import WORLD
 from sb3_guide.envs.engine.view import IMAGE_BYTES
 from sb3_guide.envs.levels import Level
 from sb3_guide.envs.rendering import draw_frame
-from sb3_guide.envs.seeding import streams
+from sb3_guide.envs.seeding import HIGHEST_SEED, streams
 from sb3_guide.envs.spaces import ACTIONS, IMAGE_SHAPE
 from sb3_guide.envs.vocabulary import MISSION_LENGTH, decode
 
@@ -79,14 +79,21 @@ class Batch:
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_threads": None}
 
-    def seed(self, chosen: np.ndarray, seeds: np.ndarray) -> None:
+    def seed(self, seeds: Sequence[int | None]) -> None:
         """
         Start random streams anew.
 
-        :param chosen: (size,) bool, which worlds
-        :param seeds: (K,) uint64, one for each of them, as for Gymnasium
+        :param seeds: for every world as for a Gymnasium env; None goes on, with entropy from the system if it is the first
+        :raises ValueError: if there is not one for every world, or one is negative or has more than 64 bits
         """
-        self.worlds["stream"][chosen] = streams(seeds)
+        given = [seed for seed in seeds if seed is not None]
+        if len(seeds) != self.size or not all(0 <= seed <= HIGHEST_SEED for seed in given):
+            raise ValueError(f"seeds={seeds}: expected {self.size} non-negative integers of at most 64 bits")
+        seeded = np.array([seed is not None for seed in seeds])
+        values = np.random.SeedSequence().generate_state(self.size, np.uint64)
+        values[seeded] = given
+        chosen = seeded | ~self.worlds["stream"].any(axis=1)
+        self.worlds["stream"][chosen] = streams(values[chosen])
         self.worlds["has_uint32"][chosen] = 0
         self.worlds["uinteger"][chosen] = 0
 

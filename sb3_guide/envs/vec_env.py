@@ -165,11 +165,7 @@ class GuideGridVecEnv(VecEnv):
 
         :return: the observations
         """
-        seeded = np.array([seed is not None for seed in self._seeds])
-        seeds = np.random.SeedSequence().generate_state(self.num_envs, np.uint64)  # for worlds that never had any
-        seeds[seeded] = [seed for seed in self._seeds if seed is not None]
-        chosen = seeded | ~self._batch.worlds["stream"].any(axis=1)
-        self._batch.seed(chosen, seeds[chosen])
+        self._batch.seed(self._seeds)
         self._reset_seeds()
         self._reset_options()
         self.reset_infos = [{} for _ in range(self.num_envs)]
