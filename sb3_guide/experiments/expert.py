@@ -70,6 +70,7 @@ def train_expert(
             reset_num_timesteps=model.num_timesteps == 0,
         )
         save_agent(model.policy, out, level)
+        run.found = {"frames": model.num_timesteps}
 
 
 def build(level: str, seed: int, config: dict[str, Any]) -> PPO:

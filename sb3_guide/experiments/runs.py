@@ -28,10 +28,12 @@ class Run:
 
     :param finished: an earlier run has done all of it already
     :param seconds_before: that earlier, killed parts of it took
+    :param found: what is to be told of it in run.json, as JSON
     """
 
     finished: bool = False
     seconds_before: float = 0.0
+    found: dict[str, Any] = field(default_factory=dict)
     started: float = field(default_factory=time.monotonic)
 
     @property
@@ -63,7 +65,7 @@ def stage(name: str, settings: dict[str, Any], folder: Path, resume: bool) -> It
         run = Run(finished=(folder / "run.json").exists())
         yield run
         if not run.finished:
-            write_json(folder / "run.json", record(name, settings, run.seconds))
+            write_json(folder / "run.json", {**record(name, settings, run.seconds), **run.found})
 
 
 def record(name: str, settings: dict[str, Any], seconds: float) -> dict[str, Any]:
