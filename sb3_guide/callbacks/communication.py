@@ -50,7 +50,7 @@ class CICCallback(BaseCallback):
             raise ValueError(f"n_frames={n_frames} and every_n_rollouts={every_n_rollouts}: expected at least 1 of each")
         self.n_frames = n_frames
         self.every_n_rollouts = every_n_rollouts
-        self.rng = np.random.default_rng(seed)
+        self.seed = seed
         self.n_rollouts = 0
 
     def _init_callback(self) -> None:
@@ -77,7 +77,8 @@ class CICCallback(BaseCallback):
         assert isinstance(policy, AgentPolicy)
         assert isinstance(buffer, DictRolloutBuffer)
         size = buffer.buffer_size * buffer.n_envs
-        chosen = self.rng.choice(size, min(size, self.n_frames), replace=False)
+        rng = np.random.default_rng([self.seed, self.num_timesteps])  # the same in a run that was resumed
+        chosen = rng.choice(size, min(size, self.n_frames), replace=False)
         step, world = np.unravel_index(chosen, (buffer.buffer_size, buffer.n_envs))
         obs = {name: th.as_tensor(part[step, world], device=policy.device) for name, part in buffer.observations.items()}
         with th.no_grad():

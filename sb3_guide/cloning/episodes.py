@@ -73,7 +73,7 @@ class Episodes:
         """
         lengths = self.lengths[chosen]
         offsets = np.concatenate([[0], lengths.cumsum()])
-        frames = np.arange(offsets[-1]) + np.repeat(self.offsets[chosen] - offsets[:-1], lengths)
+        frames = ranges(self.offsets[chosen], lengths)
         return Episodes(
             self.images[frames], self.actions[frames], self.missions[chosen], offsets, self.returns[chosen], self.seeds[chosen]
         )
@@ -81,6 +81,28 @@ class Episodes:
     def sequences(self) -> Sequences:
         """:return: the same as tensors, for the networks"""
         return Sequences(th.as_tensor(self.images), th.as_tensor(self.missions), th.as_tensor(self.lengths))
+
+    def windows(self, history: int) -> Sequences:
+        """
+        What policies with window memory see of it.
+
+        :param history: images before the present one
+        :return: F sequences, each frame with those before it in its episode
+        """
+        present = np.arange(len(self.actions))
+        first = np.maximum(present - history, np.repeat(self.offsets[:-1], self.lengths))
+        images = self.images[ranges(first, present - first + 1)]
+        missions = np.repeat(self.missions, self.lengths, axis=0)
+        return Sequences(th.as_tensor(images), th.as_tensor(missions), th.as_tensor(present - first + 1))
+
+
+def ranges(first: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    """
+    :param first: (N,) where each range begins
+    :param lengths: (N,) of the ranges
+    :return: all their numbers, one range after the other
+    """
+    return np.arange(lengths.sum()) + np.repeat(first - (lengths.cumsum() - lengths), lengths)
 
 
 def concatenate(parts: list[Episodes]) -> Episodes:

@@ -8,20 +8,21 @@ import numpy as np
 import torch as th
 
 from sb3_guide.callbacks import measure_communication
-from sb3_guide.cloning import Demonstrations, Episodes, load_demonstrations, mission_seeds, play
+from sb3_guide.cloning import Episodes, load_demonstrations, mission_seeds, play
 from sb3_guide.envs import ACTIONS, GuideGridEnv, level_of
 from sb3_guide.experiments.animation import Caption, write_animation
 from sb3_guide.experiments.runs import record, use_threads
 from sb3_guide.metrics import message_action_counts
 from sb3_guide.policies import AgentPolicy, load_agent
 from sb3_guide.policies.folder import write_json
+from sb3_guide.policies.sequences import history_of
 
 SHOWN_LENGTH = 8  # frames that an episode needs to be worth watching
 
 
 def analyze(agent: Path, level: str, demos: Path, out: Path, threads: int) -> None:
     """
-    :param agent: folder of an agent with a channel and carried memory
+    :param agent: folder of an agent with a channel
     :param level: name of the level
     :param demos: file of demonstrations that no agent was trained on
     :param out: folder for analysis.json and episode.gif
@@ -42,7 +43,7 @@ def analyze(agent: Path, level: str, demos: Path, out: Path, threads: int) -> No
         "counts": message_action_counts(messages, episodes.actions, shape.count, len(ACTIONS)).tolist(),
         "episodes": len(episodes),
         "frames": len(messages),
-        **along_demonstrations(policy, demonstrations),
+        **measure_communication(policy, memory_of(policy, demonstrations.episodes)),
     }
     out.mkdir(parents=True, exist_ok=True)
     animate(episodes, messages, shape.names(), level, out / "episode.gif")
@@ -52,21 +53,21 @@ def analyze(agent: Path, level: str, demos: Path, out: Path, threads: int) -> No
 
 def greedy_messages(policy: AgentPolicy, episodes: Episodes) -> np.ndarray:
     """
-    :param policy: with a channel and carried memory, who played these episodes
+    :param policy: with a channel, who played these episodes
     :param episodes: E of them, of F frames in all
     :return: (F,) index of the message that was heard at each frame
     """
     with th.no_grad():
-        memory, _ = policy.network.remember(episodes.sequences())
-        symbols = policy.channel.speak(memory).argmax(dim=-1)
+        symbols = policy.channel.speak(memory_of(policy, episodes)).argmax(dim=-1)
         return policy.channel.encoder.shape.index(symbols).numpy()
 
 
-def along_demonstrations(policy: AgentPolicy, demonstrations: Demonstrations) -> dict[str, float]:
-    """:return: measures of communication, averaged over the frames of demonstrations"""
+def memory_of(policy: AgentPolicy, episodes: Episodes) -> th.Tensor:
+    """:return: (F, state_size) what the agent remembers at every frame of the episodes"""
     with th.no_grad():
-        memory, _ = policy.network.remember(demonstrations.episodes.sequences())
-    return measure_communication(policy, memory)
+        if policy.carries_memory:
+            return policy.network.remember(episodes.sequences())[0]
+        return policy.network.recall(episodes.windows(history_of(policy.observation_space)))
 
 
 def animate(episodes: Episodes, messages: np.ndarray, names: list[str], level: str, path: Path) -> None:

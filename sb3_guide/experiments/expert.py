@@ -9,15 +9,24 @@ from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from stable_baselines3.common.vec_env import VecMonitor
 from tqdm import tqdm
 
-from sb3_guide.callbacks import StopTrainingOnSuccessRate, SuccessRateCallback, TrainingCheckpoint, restore_training
+from sb3_guide.callbacks import (
+    CICCallback,
+    StopTrainingOnSuccessRate,
+    SuccessRateCallback,
+    TrainingCheckpoint,
+    restore_training,
+)
 from sb3_guide.callbacks.checkpoint import load_state
+from sb3_guide.callbacks.success import EpisodeSuccesses
 from sb3_guide.envs import GuideGridVecEnv, level_of
 from sb3_guide.experiments.configs import algorithm_arguments, load_config
 from sb3_guide.experiments.runs import TableWriter, plain_values, stage, use_threads
 from sb3_guide.policies import AgentPolicy, load_agent, save_agent
 from sb3_guide.policies.saving import load_weights, weights_of
 
-EARLY_STOP = "sb3_guide.callbacks.StopTrainingOnSuccessRate"
+CALLBACKS: dict[str, type[BaseCallback]] = {
+    f"sb3_guide.callbacks.{callback.__name__}": callback for callback in (StopTrainingOnSuccessRate, CICCallback)
+}
 
 
 def train_expert(
@@ -48,7 +57,8 @@ def train_expert(
             return
         use_threads(threads)
         checkpoint, rows, logged = out / "checkpoint" / "training.pt", [], {}
-        model, watchers = build(level, seed, config), [SuccessRateCallback(), *build_callbacks(config)]
+        model, callbacks = build(level, seed, config), [SuccessRateCallback(), *build_callbacks(config)]
+        watchers = [callback for callback in callbacks if isinstance(callback, EpisodeSuccesses)]
         assert isinstance(model.policy, AgentPolicy)
         if init is not None:
             load_weights(model.policy, weights_of(load_agent(init, type(model.policy))))
@@ -66,7 +76,7 @@ def train_expert(
         )
         model.learn(
             config["n_timesteps"] - model.num_timesteps,
-            callback=[*watchers, keep, Progress(level, config["n_timesteps"])],
+            callback=[*callbacks, keep, Progress(level, config["n_timesteps"])],
             reset_num_timesteps=model.num_timesteps == 0,
         )
         save_agent(model.policy, out, level)
@@ -84,17 +94,18 @@ def build(level: str, seed: int, config: dict[str, Any]) -> PPO:
     return PPO(config["policy"], venv, seed=seed, **algorithm_arguments(config))
 
 
-def build_callbacks(config: dict[str, Any]) -> list[StopTrainingOnSuccessRate]:
+def build_callbacks(config: dict[str, Any]) -> list[BaseCallback]:
     """
     :param config: the level's entry in rl-zoo's format, whose "callback" lists classes and their arguments
-    :return: the callbacks, of which ``sb3_guide.callbacks.StopTrainingOnSuccessRate`` is the one there can be
-    :raises ValueError: if there is another one
+    :return: the callbacks
+    :raises ValueError: if one is not known here
     """
     callbacks = []
     for entry in config.get("callback", []):
-        if not isinstance(entry, dict) or list(entry) != [EARLY_STOP]:
-            raise ValueError(f"callback {entry!r} is unknown: expected {EARLY_STOP} with its arguments")
-        callbacks.append(StopTrainingOnSuccessRate(**entry[EARLY_STOP]))
+        name, arguments = next(iter(entry.items())) if isinstance(entry, dict) else (entry, {})
+        if name not in CALLBACKS:
+            raise ValueError(f"callback {name!r} is unknown: expected one of {', '.join(CALLBACKS)}")
+        callbacks.append(CALLBACKS[name](**arguments))
     return callbacks
 
 

@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+import torch as th
 from stable_baselines3 import PPO
 
 from sb3_guide.cloning import mission_seeds, play
 from sb3_guide.envs import GuideGridEnv
 from sb3_guide.policies import LearnerPolicy, RecurrentGuidePolicy
+from sb3_guide.policies.sequences import history_of
 from tests.policies.helpers import make_policy
 
 SEEDS = mission_seeds("validation", 6)
@@ -56,3 +58,14 @@ def test_a_policy_of_another_observation_space():
     policy = PPO("MlpPolicy", "CartPole-v1", n_steps=16, batch_size=16).policy
     with pytest.raises(ValueError, match="the agent's observation space is not GoToObj's"):
         play(policy, "GoToObj", SEEDS)
+
+
+def test_windows_are_what_a_policy_with_window_memory_sees():
+    policy = make_policy(LearnerPolicy)
+    episodes = play(policy, "GoToObj", SEEDS)
+    seen = episodes.windows(history_of(policy.observation_space))
+    with th.no_grad():
+        latent = policy.network.latent(policy.network.recall(seen))
+        actions = policy.action_distribution(latent).get_actions(deterministic=True).numpy()
+    assert np.array_equal(actions, episodes.actions)
+    assert seen.lengths[: episodes.lengths[0]].tolist()[:5] == [1, 2, 3, 4, 4][: episodes.lengths[0]]

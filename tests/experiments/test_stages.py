@@ -161,6 +161,34 @@ def test_stage_two_and_three(demos, tmp_path):
     assert (tmp_path / "analysis" / "episode.gif").read_bytes().startswith(b"GIF89a")
 
 
+def test_a_guide_by_reinforcement_learning_is_analysed(demos, tmp_path):
+    callbacks = ["sb3_guide.callbacks.CICCallback"]
+    config = write_config(tmp_path / "ppo.yml", PPO | {"policy": "GuidePolicy", "n_timesteps": 128, "callback": callbacks})
+    train_expert("GoToObj", tmp_path / "guide", seed=0, threads=1, resume=False, config_file=config)
+    assert "guide/uniform_cic" in read_table(tmp_path / "guide" / "progress.csv")[-1]
+    analyze(tmp_path / "guide", "GoToObj", demos / "analysis.safetensors", tmp_path / "analysis", threads=1)
+    found = json.loads((tmp_path / "analysis" / "analysis.json").read_text())
+    assert sum(map(sum, found["counts"])) == found["frames"]
+
+
+def test_an_expert_starts_from_another_and_stops_early(tmp_path):
+    stop = {"sb3_guide.callbacks.StopTrainingOnSuccessRate": {"success_rate": 0.01, "n_episodes": 2}}
+    config = write_config(tmp_path / "ppo.yml", PPO | {"learning_rate": 0.0, "n_timesteps": 10_000, "callback": [stop]})
+    save_agent(make_policy(LearnerPolicy), tmp_path / "start", "GoToObj")
+    train_expert("GoToObj", tmp_path / "out", 1, threads=1, resume=False, config_file=config, init=tmp_path / "start")
+    run = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert run["init"] == str(tmp_path / "start")
+    assert run["frames"] < 10_000
+    assert equal(tmp_path / "start", tmp_path / "out")
+    assert list((tmp_path / "out" / "tensorboard").glob("events.out.tfevents.*"))
+
+
+def test_a_callback_that_is_not_ours(tmp_path):
+    config = write_config(tmp_path / "ppo.yml", PPO | {"callback": ["os.system"]})
+    with pytest.raises(ValueError, match=r"callback 'os\.system' is unknown: expected one of sb3_guide\.callbacks"):
+        train_expert("GoToObj", tmp_path / "out", seed=0, threads=1, resume=False, config_file=config)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
