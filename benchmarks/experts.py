@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from stable_baselines3.common.utils import set_random_seed
 from tqdm import tqdm
 
 from sb3_guide import experts
 from sb3_guide.cloning import mission_seeds, play
 from sb3_guide.envs import bot
 from sb3_guide.experiments.statistics import wilson_interval
-from sb3_guide.policies import load_agent
+from sb3_guide.policies import AgentPolicy, load_agent
 from sb3_guide.policies.folder import AGENT, package_versions, read_json, write_json
 
 CARD = """# Expert for {level}
@@ -27,18 +28,19 @@ CARD = """# Expert for {level}
 
 | | |
 |---|---|
-| success, greedy, on {episodes} fresh missions | {success_rate:.1%} (95 % Wilson interval {low:.1%} to {high:.1%}) |
-| mean episode length | {mean_length:.1f} (Minigrid's bot on the same missions: {bot_length:.1f}, success {bot_success:.1%}) |
+| success on {episodes} fresh missions, actions drawn as PPO trained it | {sampled} |
+| success on the same missions, greedy | {greedy} |
+| mean episode length, drawn and greedy | {sampled_length:.1f} and {greedy_length:.1f} |
+| Minigrid's bot on the same missions | success {bot_success:.1%}, mean length {bot_length:.1f} |
 | seed | {seed} |
-| frames | {frames:,} |
-| wall time | {minutes:.0f} minutes, {threads} thread(s){beside} |
-| starts from | {init} |
-| command | `{command}` |
-| settings | `{config}` |
+| commands, in this order | {commands} |
+| frames | {frames} |
+| wall time | {minutes} minutes on {threads} core, beside other jobs |
+| settings of the last | `{config}` |
 | versions | {versions} |
 
 Trained on missions whose seeds are below 1,000,000,000; evaluated on those from {first_seed:,} on
-(`python -m benchmarks.experts --levels {level}`, with {evaluated}). The weights (`network.safetensors`, `agent.json`) hold no
+(`python -m benchmarks.experts --levels {level}`). The weights (`network.safetensors`, `agent.json`) hold no
 code. Trained for this level only: elsewhere it is a start for further training, no more.
 """
 
@@ -49,43 +51,60 @@ def of_bot(level: str, seeds: np.ndarray) -> tuple[float, float]:
     return float(np.mean([e.success for e in episodes])), float(np.mean([len(e.actions) for e in episodes]))
 
 
-def evaluate(folder: Path, n_episodes: int) -> dict[str, Any]:
-    """:return: how well the expert in this folder and the bot play, greedily, the same missions"""
-    level, seeds = folder.name, mission_seeds("analysis", n_episodes)
-    episodes = play(load_agent(folder), level, seeds)
+def of_expert(policy: AgentPolicy, level: str, seeds: np.ndarray, deterministic: bool) -> dict[str, float]:
+    """:return: success rate with its interval, and mean length, of the expert's episodes on these missions"""
+    set_random_seed(0)
+    episodes = play(policy, level, seeds, deterministic=deterministic)
     successes = int(episodes.successes.sum())
-    low, high = wilson_interval(successes, n_episodes)
+    low, high = wilson_interval(successes, len(seeds))
+    length = float(episodes.lengths.mean())
+    return {"success_rate": successes / len(seeds), "low": low, "high": high, "mean_length": length}
+
+
+def evaluate(folder: Path, n_episodes: int) -> dict[str, Any]:
+    """:return: how well the expert in this folder and the bot play the same missions"""
+    level, policy, seeds = folder.name, load_agent(folder), mission_seeds("analysis", n_episodes)
     bot_success, bot_length = of_bot(level, seeds)
     return {
         "level": level,
         "episodes": n_episodes,
         "first_seed": int(seeds[0]),
-        "success_rate": successes / n_episodes,
-        "low": low,
-        "high": high,
-        "mean_length": float(episodes.lengths.mean()),
+        "sampled": of_expert(policy, level, seeds, deterministic=False),
+        "greedy": of_expert(policy, level, seeds, deterministic=True),
         "bot_success": bot_success,
         "bot_length": bot_length,
-        "evaluated": ", ".join(f"{name} {version}" for name, version in package_versions().items()),
+        "versions": package_versions(),
     }
+
+
+def in_words(found: dict[str, float]) -> str:
+    """:return: success rate with its interval"""
+    return f"{found['success_rate']:.1%} (95 % Wilson interval {found['low']:.1%} to {found['high']:.1%})"
 
 
 def card(folder: Path, evaluation: dict[str, Any]) -> str:
     """:return: the model card of the expert in this folder"""
-    run, agent = read_json(folder / "run.json"), read_json(folder / AGENT)
+    runs, agent = read_json(folder / "runs.json"), read_json(folder / AGENT)
+    last = runs[-1]
     return CARD.format(
-        **evaluation,
+        level=evaluation["level"],
+        episodes=evaluation["episodes"],
+        first_seed=evaluation["first_seed"],
+        sampled=in_words(evaluation["sampled"]),
+        greedy=in_words(evaluation["greedy"]),
+        sampled_length=evaluation["sampled"]["mean_length"],
+        greedy_length=evaluation["greedy"]["mean_length"],
+        bot_success=evaluation["bot_success"],
+        bot_length=evaluation["bot_length"],
         policy=agent["policy"],
         history=agent["history"],
-        seed=run["seed"],
-        frames=run["frames"],
-        minutes=run["seconds"] / 60,
-        threads=run["threads"],
-        beside=run.get("beside", ""),
-        init="fresh weights" if run["init"] is None else f"the expert for {run['init']}",
-        command=run["command"],
-        config=json.dumps(run["config"]),
-        versions=", ".join(f"{name} {version}" for name, version in run["versions"].items()),
+        seed=last["seed"],
+        commands=", ".join(f"`{run['command']}`" for run in runs),
+        frames=" + ".join(f"{run['frames']:,}" for run in runs),
+        minutes=" + ".join(f"{run['seconds'] / 60:.1f}" for run in runs),
+        threads=last["threads"],
+        config=json.dumps(last["config"]),
+        versions=", ".join(f"{name} {version}" for name, version in last["versions"].items()),
     )
 
 
@@ -101,9 +120,10 @@ def main() -> None:
         found = evaluate(folder, arguments.episodes)
         write_json(folder / "evaluation.json", found)
         (folder / "README.md").write_text(card(folder, found))
+        sampled, greedy = found["sampled"], found["greedy"]
         print(
-            f"| {level} | {found['success_rate']:.1%} ({found['low']:.1%} to {found['high']:.1%}) "
-            f"| {found['mean_length']:.1f} | {found['bot_success']:.1%} | {found['bot_length']:.1f} |"
+            f"| {level} | {in_words(sampled)} | {sampled['mean_length']:.1f} | {greedy['success_rate']:.1%} "
+            f"| {found['bot_success']:.1%} | {found['bot_length']:.1f} |"
         )
 
 

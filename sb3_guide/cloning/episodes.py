@@ -116,26 +116,33 @@ def concatenate(parts: list[Episodes]) -> Episodes:
 
 
 def play(
-    policy: BasePolicy, level: str, seeds: np.ndarray, on_progress: Callable[[int], object] = lambda episodes: None
+    policy: BasePolicy,
+    level: str,
+    seeds: np.ndarray,
+    on_progress: Callable[[int], object] = lambda episodes: None,
+    deterministic: bool = True,
 ) -> Episodes:
     """
-    Play one episode of each mission, always taking the most probable action and sending the most probable message.
-    Every mission counts, however long it takes: keeping the first to finish would favour short ones.
+    Play one episode of each mission, always sending the most probable message. Every mission counts, however long it takes:
+    keeping the first to finish would favour short ones.
 
     :param policy: an SB3 policy for the level, with window memory, carried memory or none
     :param level: name or id of the level
     :param seeds: (E,) seed of each mission
     :param on_progress: called with the number of episodes that were finished since the last call
+    :param deterministic: take the most probable action; else draw it, as SB3 does, from torch's global generator
     :return: E episodes in the order of the seeds
     :raises ValueError: if there are no seeds, or the policy's observation space is not the level's
     """
     if not len(seeds):
         raise ValueError("0 episodes were asked for: expected at least 1")
     chunks = [np.asarray(seeds[start : start + WORLDS], dtype=np.int64) for start in range(0, len(seeds), WORLDS)]
-    return concatenate([play_together(policy, level, chunk, on_progress) for chunk in chunks])
+    return concatenate([play_together(policy, level, chunk, on_progress, deterministic) for chunk in chunks])
 
 
-def play_together(policy: BasePolicy, level: str, seeds: np.ndarray, on_progress: Callable[[int], object]) -> Episodes:
+def play_together(
+    policy: BasePolicy, level: str, seeds: np.ndarray, on_progress: Callable[[int], object], deterministic: bool
+) -> Episodes:
     """As :func:`play`, all missions side by side; worlds that are done are stepped along but no longer looked at."""
     venv = GuideGridVecEnv(level_of(level).env_id, len(seeds), history=history_of(policy.observation_space))
     if policy.observation_space != venv.observation_space:
@@ -148,7 +155,7 @@ def play_together(policy: BasePolicy, level: str, seeds: np.ndarray, on_progress
     worlds, images, actions = [], [], []
     while len(active):
         seen = {name: part[active] for name, part in obs.items()}
-        chosen, state = policy.predict(seen, state, deterministic=True)
+        chosen, state = policy.predict(seen, state, deterministic=deterministic)
         worlds.append(active)
         images.append(seen["image"])
         actions.append(chosen)
