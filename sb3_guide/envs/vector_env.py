@@ -10,7 +10,6 @@ from gymnasium.vector import AutoresetMode, VectorEnv  # type: ignore[attr-defin
 from gymnasium.vector.utils import batch_space
 
 from sb3_guide.envs.batch import Batch, Observation
-from sb3_guide.envs.env import GuideGridEnv
 from sb3_guide.envs.levels import level_of
 from sb3_guide.envs.rendering import checked_render_mode
 from sb3_guide.envs.spaces import DEFAULT_HISTORY, action_space, observation_space
@@ -28,7 +27,7 @@ class GuideGridVectorEnv(VectorEnv):
     :raises ValueError: if the level or the render mode is unknown, or a number is out of range
     """
 
-    metadata = {**GuideGridEnv.metadata, "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012  declared by VectorEnv
+    metadata = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012  as VectorEnv declares
 
     def __init__(
         self,
