@@ -87,7 +87,8 @@ class Batch:
         :raises ValueError: if there is not one for every world, or one is negative or has more than 64 bits
         """
         given = [seed for seed in seeds if seed is not None]
-        if len(seeds) != self.size or not all(0 <= seed <= HIGHEST_SEED for seed in given):
+        valid = all(isinstance(seed, (int, np.integer)) and 0 <= seed <= HIGHEST_SEED for seed in given)
+        if len(seeds) != self.size or not valid:
             raise ValueError(f"seeds={seeds}: expected {self.size} non-negative integers of at most 64 bits")
         seeded = np.array([seed is not None for seed in seeds])
         values = np.random.SeedSequence().generate_state(self.size, np.uint64)

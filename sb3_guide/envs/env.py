@@ -65,7 +65,7 @@ class GuideGridEnv(gymnasium.Env[Observation, np.int64]):
         :return: observation, reward, terminated, truncated, info
         :raises ValueError: if the action is not valid, or the env was never reset
         """
-        observation, rewards, *ends = self._batch.step(np.asarray(action).reshape(1), go_on=False)
+        observation, rewards, *ends = self._batch.step(np.atleast_1d(action), go_on=False)
         terminated, truncated = (bool(end[0]) for end in ends)
         self._show()
         info = {"is_success": terminated} if terminated or truncated else {}

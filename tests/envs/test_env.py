@@ -82,6 +82,10 @@ def test_wrong_use_is_refused() -> None:
     env.reset()
     with pytest.raises(ValueError, match="7"):
         env.step(7)
+    with pytest.raises(ValueError, match="float64"):
+        env.step(1.0)
+    with pytest.raises(ValueError, match=r"\(2,\)"):
+        env.step(np.array([1, 2]))
     env.np_random = np.random.Generator(np.random.MT19937(0))
     with pytest.raises(ValueError, match="MT19937"):
         env.reset()

@@ -77,7 +77,7 @@ def test_episode_statistics_of_gymnasium() -> None:
     assert max(lengths) == 64
 
 
-@pytest.mark.parametrize("seed", [-1, [0], [0, -1], 2**64])
+@pytest.mark.parametrize("seed", [-1, [0], [0, -1], 2**64, 1.5])
 def test_wrong_seeds_are_refused(seed: Any) -> None:
     """One non-negative integer for every world."""
     with pytest.raises(ValueError, match="seeds="):
