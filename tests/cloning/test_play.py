@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch as th
 from stable_baselines3 import PPO
+from stable_baselines3.common.utils import set_random_seed
 
 from sb3_guide.cloning import mission_seeds, play
 from sb3_guide.envs import GuideGridEnv
@@ -69,3 +70,11 @@ def test_windows_are_what_a_policy_with_window_memory_sees():
         actions = policy.action_distribution(latent).get_actions(deterministic=True).numpy()
     assert np.array_equal(actions, episodes.actions)
     assert seen.lengths[: episodes.lengths[0]].tolist()[:5] == [1, 2, 3, 4, 4][: episodes.lengths[0]]
+
+
+def test_drawn_actions_are_a_function_of_torchs_generator():
+    policy, drawn = make_policy(LearnerPolicy), []
+    for seed in (0, 0, 1):
+        set_random_seed(seed)
+        drawn.append(play(policy, "GoToObj", SEEDS, deterministic=False).actions.tolist())
+    assert drawn[0] == drawn[1] != drawn[2]
