@@ -79,7 +79,7 @@ def test_the_loss_carries_memory_through_the_episode():
     with th.no_grad():
         for step in range(3):
             one = {"image": obs["image"][:, step], "mission": obs["mission"]}
-            state = state or tuple(th.zeros(1, 1, 128) for _ in range(2))
+            state = state or tuple(th.zeros(1, 1, policy.network.state_size) for _ in range(2))
             distribution, state = policy.get_distribution(one, state, th.zeros(1))
             by_hand.append(distribution.log_prob(acts[:, step]).item())
     assert EpisodeLoss(0.0, th.Generator())(policy, obs, acts).neglogp.item() == pytest.approx(-np.mean(by_hand), rel=1e-5)

@@ -60,7 +60,10 @@ def test_a_window_as_long_as_the_episode_equals_carried_memory(window_class, car
     in_window, carried = make_policy(window_class, history=5), make_policy(carried_class)
     carried.load_state_dict(in_window.state_dict())
     images, mission = random_images(6, 2), random_missions(2)  # 6 steps in 2 worlds
-    history, state = th.zeros(2, 5, 7, 7, 3, dtype=th.uint8), (th.zeros(1, 2, 64), th.zeros(1, 2, 64))
+    history, state = (
+        th.zeros(2, 5, 7, 7, 3, dtype=th.uint8),
+        tuple(th.zeros(1, 2, carried.network.state_size) for _ in range(2)),
+    )
     with th.no_grad():
         for step, image in enumerate(images):
             distribution, state = carried.get_distribution(
