@@ -102,6 +102,8 @@ LEVELS = {
         replace(_ROOM, name="GoToRedBall", distractors=7, red_ball=True),
         replace(_ROOM, name="GoToLocal"),
         replace(_ROOM, name="PutNextLocal", target=PUTNEXT, unique=True),
+        replace(_ROOM, name="PutNextLocalS5N3", target=PUTNEXT, unique=True, room_size=5, distractors=3),
+        replace(_ROOM, name="PutNextLocalS6N4", target=PUTNEXT, unique=True, room_size=6, distractors=4),
         replace(_ROOM, name="PickupLoc", recipe=LANGUAGE, target=PICKUP, locations=True),
         replace(_MAZE, name="GoToObjMaze", distractors=1),
         replace(_MAZE, name="GoTo"),

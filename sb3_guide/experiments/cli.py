@@ -31,6 +31,14 @@ class Split(str, Enum):
     analysis = "analysis"
 
 
+class Algo(str, Enum):
+    """Which algorithm, as rl-zoo names them."""
+
+    ppo = "ppo"
+    ppo_lstm = "ppo_lstm"
+    a2c = "a2c"
+
+
 class Kind(str, Enum):
     """Which agent."""
 
@@ -48,11 +56,12 @@ def expert(
     resume: Resume = False,
     config: Config = None,
     init: Annotated[Path | None, typer.Option(help="Folder of an agent whose weights to start from.")] = None,
+    algo: Annotated[Algo, typer.Option(help="SB3's PPO or A2C, or sb3-contrib's RecurrentPPO (ppo_lstm).")] = Algo.ppo,
 ) -> None:
-    """Stage 1: train an expert with PPO."""
+    """Stage 1: train an expert with PPO, or with another of SB3's algorithms."""
     from sb3_guide.experiments.expert import train_expert
 
-    train_expert(level, out, seed, threads, resume, config, init)
+    train_expert(level, out, seed, threads, resume, config, init, algo.value)
 
 
 @app.command()

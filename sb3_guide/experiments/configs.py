@@ -46,7 +46,7 @@ def schedule(text: str) -> Schedule:
 
 def load_config(name: str, level: str, file: Path | None = None) -> dict[str, Any]:
     """
-    :param name: of a packaged file: "ppo" or "bc"
+    :param name: of a packaged file, such as "ppo" or "bc"
     :param level: whose entry to take
     :param file: YAML in rl-zoo's format to read instead of the packaged one
     :raises FileNotFoundError: if the file does not exist

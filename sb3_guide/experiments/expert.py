@@ -1,11 +1,13 @@
-"""Stage 1: an expert by stock SB3 PPO (paper section 3.3)."""
+"""Stage 1: an expert by stock SB3 PPO (paper section 3.3), or another algorithm of SB3's family."""
 
 from pathlib import Path
 from typing import Any
 
-from stable_baselines3 import PPO
+from sb3_contrib import RecurrentPPO
+from stable_baselines3 import A2C, PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecMonitor
 from tqdm import tqdm
 
@@ -22,8 +24,10 @@ from sb3_guide.envs import GuideGridVecEnv, level_of
 from sb3_guide.experiments.configs import algorithm_arguments, load_config
 from sb3_guide.experiments.runs import TableWriter, plain_values, stage, use_threads
 from sb3_guide.policies import AgentPolicy, load_agent, save_agent
+from sb3_guide.policies.agents import GuideAgent, GuidedLearnerAgent, LearnerAgent
 from sb3_guide.policies.saving import load_weights, weights_of
 
+ALGORITHMS: dict[str, type[OnPolicyAlgorithm]] = {"ppo": PPO, "ppo_lstm": RecurrentPPO, "a2c": A2C}  # as rl-zoo names them
 CALLBACKS: dict[str, type[BaseCallback]] = {
     f"sb3_guide.callbacks.{callback.__name__}": callback for callback in (StopTrainingOnSuccessRate, CICCallback)
 }
@@ -37,6 +41,7 @@ def train_expert(
     resume: bool,
     config_file: Path | None = None,
     init: Path | None = None,
+    algo: str = "ppo",
 ) -> None:
     """
     :param level: name of the level
@@ -44,24 +49,29 @@ def train_expert(
     :param seed: of weights, worlds and sampling
     :param threads: of torch
     :param resume: go on from the last checkpoint of a killed run
-    :param config_file: YAML in rl-zoo's format; None takes zoo_configs/ppo.yml
-    :param init: folder of an agent of the same kind whose weights to start from; None starts from fresh ones
+    :param config_file: YAML in rl-zoo's format; None takes the algorithm's in zoo_configs/
+    :param init: folder of an agent of the same kind whose weights to start from, whichever way its memory was fed;
+        None starts from fresh ones
+    :param algo: "ppo", "ppo_lstm" (sb3-contrib's RecurrentPPO) or "a2c"
     :raises ValueError: if an argument is out of range or the folder holds another run
     """
     level = level_of(level).name
-    config = load_config("ppo", level, config_file)
+    if algo not in ALGORITHMS:
+        raise ValueError(f"algo={algo!r} is unknown: expected one of {', '.join(ALGORITHMS)}")
+    config = load_config(algo, level, config_file)
     origin = None if init is None else str(init)
-    settings = {"level": level, "seed": seed, "threads": threads, "config": config, "init": origin}
+    settings = {"level": level, "algo": algo, "seed": seed, "threads": threads, "config": config, "init": origin}
     with stage("expert", settings, out, resume) as run:
         if run.finished:
             return
         use_threads(threads)
         checkpoint, rows, logged = out / "checkpoint" / "training.pt", [], {}
-        model, callbacks = build(level, seed, config), [SuccessRateCallback(), *build_callbacks(config)]
+        model, callbacks = build(ALGORITHMS[algo], level, seed, config), [SuccessRateCallback(), *build_callbacks(config)]
         watchers = [callback for callback in callbacks if isinstance(callback, EpisodeSuccesses)]
         assert isinstance(model.policy, AgentPolicy)
         if init is not None:
-            load_weights(model.policy, weights_of(load_agent(init, type(model.policy))))
+            kind = next(kind for kind in (LearnerAgent, GuideAgent, GuidedLearnerAgent) if isinstance(model.policy, kind))
+            load_weights(model.policy, weights_of(load_agent(init, kind)))
         if checkpoint.exists():
             state = load_state(checkpoint)
             restore_training(model, state, watchers)
@@ -83,15 +93,16 @@ def train_expert(
         run.found = {"frames": model.num_timesteps}
 
 
-def build(level: str, seed: int, config: dict[str, Any]) -> PPO:
+def build(algorithm: type[OnPolicyAlgorithm], level: str, seed: int, config: dict[str, Any]) -> OnPolicyAlgorithm:
     """
+    :param algorithm: class of the model
     :param level: name of the level
     :param seed: of everything
     :param config: the level's entry in rl-zoo's format
-    :return: PPO in its worlds, not yet trained
+    :return: a model in its worlds, not yet trained
     """
     venv = VecMonitor(GuideGridVecEnv(level_of(level).env_id, config["n_envs"], **config.get("env_kwargs", {})))
-    return PPO(config["policy"], venv, seed=seed, **algorithm_arguments(config))
+    return algorithm(config["policy"], venv, seed=seed, **algorithm_arguments(config))
 
 
 def build_callbacks(config: dict[str, Any]) -> list[BaseCallback]:

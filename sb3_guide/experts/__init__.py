@@ -2,13 +2,14 @@
 
 from pathlib import Path
 
+from sb3_contrib import RecurrentPPO
 from stable_baselines3 import PPO
 
 from sb3_guide.envs import GuideGridVecEnv, level_of
+from sb3_guide.policies.agents import LearnerAgent
 from sb3_guide.policies.folder import AGENT
 from sb3_guide.policies.saving import load_agent, load_weights, weights_of
 from sb3_guide.policies.sequences import history_of
-from sb3_guide.policies.window import LearnerPolicy
 
 FOLDER = Path(__file__).parent
 
@@ -26,19 +27,20 @@ def expert_folder(level: str) -> Path:
     return FOLDER / name
 
 
-def load_expert(level: str, n_envs: int = 1) -> PPO:
+def load_expert(level: str, n_envs: int = 1) -> PPO | RecurrentPPO:
     """
     Load the trained expert of a level. Nothing is downloaded, and nothing in its files can execute code.
 
     :param level: name or id of the level
     :param n_envs: worlds of ``model.get_env()``, in which it can play at once or be trained further
-    :return: the expert as a model of SB3, with SB3's default settings for further training
+    :return: the expert as a model of SB3, with SB3's default settings for further training: a RecurrentPPO, whose ``predict``
+        takes and returns a state, where the expert carries its memory through the episode
     :raises ValueError: if the level is unknown, or there is no trained expert for it
     """
-    policy = load_agent(expert_folder(level), LearnerPolicy)
+    policy = load_agent(expert_folder(level), LearnerAgent)
     venv = GuideGridVecEnv(level, n_envs, history=history_of(policy.observation_space))
     policy_kwargs = {**policy.agent_kwargs, "net_arch": policy.net_arch, "activation_fn": policy.activation_fn}
-    model = PPO("LearnerPolicy", venv, policy_kwargs=policy_kwargs)
-    assert isinstance(model.policy, LearnerPolicy)
+    model = (RecurrentPPO if policy.carries_memory else PPO)("LearnerPolicy", venv, policy_kwargs=policy_kwargs)
+    assert isinstance(model.policy, LearnerAgent)
     load_weights(model.policy, weights_of(policy))
     return model

@@ -20,7 +20,15 @@ from sb3_guide.experiments.evaluate import evaluate
 from sb3_guide.experiments.expert import train_expert
 from sb3_guide.experiments.record import record_demonstrations
 from sb3_guide.experiments.runs import read_table
-from sb3_guide.policies import LearnerPolicy, RecurrentGuidedLearnerPolicy, RecurrentGuidePolicy, load_agent, save_agent
+from sb3_guide.policies import (
+    GuidePolicy,
+    LearnerPolicy,
+    RecurrentGuidedLearnerPolicy,
+    RecurrentGuidePolicy,
+    RecurrentLearnerPolicy,
+    load_agent,
+    save_agent,
+)
 from tests.policies.helpers import make_policy
 
 KEY = "GuideGrid-GoToObj-v0"
@@ -181,6 +189,27 @@ def test_an_expert_starts_from_another_and_stops_early(tmp_path):
     assert run["frames"] < 10_000
     assert equal(tmp_path / "start", tmp_path / "out")
     assert list((tmp_path / "out" / "tensorboard").glob("events.out.tfevents.*"))
+
+
+def test_an_expert_that_carries_its_memory_starts_from_one_with_a_window(tmp_path):
+    config = write_config(tmp_path / "ppo_lstm.yml", PPO | {"learning_rate": 0.0, "n_timesteps": 64})
+    save_agent(make_policy(LearnerPolicy), tmp_path / "start", "GoToObj")
+    arguments = {"threads": 1, "resume": False, "config_file": config, "init": tmp_path / "start", "algo": "ppo_lstm"}
+    train_expert("GoToObj", tmp_path / "out", 1, **arguments)
+    assert isinstance(load_agent(tmp_path / "out"), RecurrentLearnerPolicy)
+    assert equal(tmp_path / "start", tmp_path / "out")
+
+
+def test_a_guide_is_no_start_for_a_learner(tmp_path):
+    config = write_config(tmp_path / "ppo.yml", PPO)
+    save_agent(make_policy(GuidePolicy), tmp_path / "guide")
+    with pytest.raises(ValueError, match="holds a GuidePolicy: expected one of LearnerPolicy, RecurrentLearnerPolicy"):
+        train_expert("GoToObj", tmp_path / "out", 1, threads=1, resume=False, config_file=config, init=tmp_path / "guide")
+
+
+def test_an_algorithm_that_is_not_there(tmp_path):
+    with pytest.raises(ValueError, match="algo='dqn' is unknown: expected one of ppo, ppo_lstm, a2c"):
+        train_expert("GoToObj", tmp_path / "out", seed=0, threads=1, resume=False, algo="dqn")
 
 
 def test_a_callback_that_is_not_ours(tmp_path):
