@@ -60,7 +60,7 @@ class EpochMetrics:
         """:return: "loss", the negative log-likelihood a frame, and measures of communication, along the demonstrations"""
         network = self.policy.network
         with th.no_grad():
-            memory, _ = network.remember(self.demonstrations.episodes.sequences())
+            memory = network.remember(self.demonstrations.episodes.sequences())
             distribution = self.policy.action_distribution(network.latent(memory))
             loss = -distribution.log_prob(th.as_tensor(self.demonstrations.episodes.actions)).mean().item()
         communication = measure_communication(self.policy, memory) if isinstance(network, GuideNetwork) else {}

@@ -70,7 +70,7 @@ class EpisodeLoss:
         :param acts: (B, T)
         """
         valid = th.arange(acts.shape[1], device=acts.device) < obs["length"].unsqueeze(1)
-        memory, _ = policy.network.remember(Sequences(obs["image"][valid], obs["mission"], obs["length"]))
+        memory = policy.network.remember(Sequences(obs["image"][valid], obs["mission"], obs["length"]))
         distribution = policy.action_distribution(policy.network.latent(memory, self.generator))
         log_prob, entropy = distribution.log_prob(acts[valid]), distribution.entropy()
         assert entropy is not None  # of a categorical distribution

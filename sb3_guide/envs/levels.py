@@ -102,8 +102,6 @@ LEVELS = {
         replace(_ROOM, name="GoToRedBall", distractors=7, red_ball=True),
         replace(_ROOM, name="GoToLocal"),
         replace(_ROOM, name="PutNextLocal", target=PUTNEXT, unique=True),
-        replace(_ROOM, name="PutNextLocalS5N3", target=PUTNEXT, unique=True, room_size=5, distractors=3),
-        replace(_ROOM, name="PutNextLocalS6N4", target=PUTNEXT, unique=True, room_size=6, distractors=4),
         replace(_ROOM, name="PickupLoc", recipe=LANGUAGE, target=PICKUP, locations=True),
         replace(_MAZE, name="GoToObjMaze", distractors=1),
         replace(_MAZE, name="GoTo"),
@@ -118,6 +116,13 @@ LEVELS = {
         replace(_SYNTH, name="SynthSeq"),
         replace(_MAZE, name="GoToImpUnlock", recipe=LOCKED_ROOM, distractors=2),
         replace(_LANGUAGE, name="BossLevel", locked_room_probability=0.5),
+        replace(_ROOM, name="PutNextLocalS5N3", target=PUTNEXT, unique=True, room_size=5, distractors=3),
+        replace(_ROOM, name="PutNextLocalS6N4", target=PUTNEXT, unique=True, room_size=6, distractors=4),
+        replace(_MAZE, name="GoToObjMazeS4R2", distractors=1, room_size=4, columns=2, rows=2),
+        replace(_MAZE, name="GoToObjMazeS4", distractors=1, room_size=4),
+        replace(_MAZE, name="GoToObjMazeS5", distractors=1, room_size=5),
+        replace(_MAZE, name="GoToObjMazeS6", distractors=1, room_size=6),
+        replace(_MAZE, name="GoToObjMazeS7", distractors=1, room_size=7),
     )
 }
 

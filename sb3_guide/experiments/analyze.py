@@ -66,7 +66,7 @@ def memory_of(policy: AgentPolicy, episodes: Episodes) -> th.Tensor:
     """:return: (F, state_size) what the agent remembers at every frame of the episodes"""
     with th.no_grad():
         if policy.carries_memory:
-            return policy.network.remember(episodes.sequences())[0]
+            return policy.network.remember(episodes.sequences())
         return policy.network.recall(episodes.windows(history_of(policy.observation_space)))
 
 

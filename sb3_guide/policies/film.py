@@ -5,7 +5,6 @@ from gymnasium import spaces
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 from torch.nn.functional import embedding
-from torch.nn.utils.rnn import pack_padded_sequence
 
 from sb3_guide.policies.sequences import Observations, Sequences, distinct
 from sb3_guide.policies.sizes import Size, size_of
@@ -17,7 +16,7 @@ CELL_VALUES = 11  # values that each of the three can take
 
 class InstructionEncoder(nn.Module):
     """
-    Embedding and GRU over a mission's words; the hidden state after its last word (padding is never read).
+    Embedding and GRU over a mission's words; the hidden state after its last word (what comes of the padding after it is left out).
 
     :param vocabulary_size: number of word ids, 0 being padding
     :param size: widths
@@ -34,9 +33,8 @@ class InstructionEncoder(nn.Module):
         :return: (N, instruction)
         """
         lengths = missions.count_nonzero(dim=1).clamp(min=1)
-        words = self.embedding(missions[:, : int(lengths.max())])
-        packed = pack_padded_sequence(words, lengths.cpu(), batch_first=True, enforce_sorted=False)
-        return self.gru(packed)[1].squeeze(0)
+        output, _ = self.gru(self.embedding(missions[:, : int(lengths.max())]))
+        return output[th.arange(len(lengths), device=lengths.device), lengths - 1]
 
 
 class FiLM(nn.Module):

@@ -3,7 +3,6 @@
 import torch as th
 from torch import nn
 from torch.nn.functional import embedding
-from torch.nn.utils.rnn import pack_padded_sequence, pad_packed_sequence
 
 State = tuple[th.Tensor, th.Tensor]  # h and c of shape (1, B, hidden) each
 
@@ -21,25 +20,40 @@ class Memory(nn.Module):
         self.hidden = hidden
         self.lstm = nn.LSTM(features_dim, hidden, batch_first=True)
 
-    def forward(self, features: th.Tensor, lengths: th.Tensor, state: State | None = None) -> tuple[th.Tensor, State]:
+    def forward(self, features: th.Tensor, position: th.Tensor, lengths: th.Tensor, state: State | None = None) -> th.Tensor:
         """
-        Sequences of any lengths.
+        Sequences of any lengths. Torch's packed sequences would need quadratic time in the number of steps for the gradients.
 
-        :param features: (K, features_dim) of all sequences, one after the other
+        :param features: (U, features_dim)
+        :param position: (K,) which of the features belongs to each frame of the sequences, one sequence after the other
         :param lengths: (B,) frames in each sequence
         :param state: state before each sequence; None means that nothing was seen yet
-        :return: the output at each frame (K, hidden) and the state after each sequence
+        :return: the output at each frame (K, hidden)
         """
-        valid = is_frame(lengths)
-        padded = features.new_zeros(*valid.shape, features.shape[1]).masked_scatter(valid.unsqueeze(-1), features)
-        packed = pack_padded_sequence(padded, lengths.cpu(), batch_first=True, enforce_sorted=False)
-        output, state = self.lstm(packed, state)
-        return pad_packed_sequence(output, batch_first=True)[0][valid], state
+        first = lengths.cumsum(0) - lengths
+        outputs, frames = [], []
+        for rows in similar(lengths):
+            valid = is_frame(lengths[rows])
+            frame = first[rows].unsqueeze(1) + th.arange(valid.shape[1], device=lengths.device)
+            before = None if state is None else (state[0][:, rows], state[1][:, rows])
+            stand_in = frame.clamp(max=len(position) - 1)  # another sequence's frames are padding as good as any
+            output, _ = self.lstm(embedding(position[stand_in], features), before)
+            outputs.append(output[valid])
+            frames.append(frame[valid])
+        return th.cat(outputs)[th.cat(frames).argsort()]
+
+    def step(self, features: th.Tensor, state: State) -> tuple[th.Tensor, State]:
+        """
+        :param features: (B, features_dim) of one frame in each world
+        :param state: before it
+        :return: the output (B, hidden) and the state after it
+        """
+        output, state = self.lstm(features.unsqueeze(1), state)
+        return output.squeeze(1), state
 
     def last(self, features: th.Tensor, position: th.Tensor, lengths: th.Tensor) -> th.Tensor:
         """
-        Sequences of much the same lengths, of which the last output counts: computing the padding after it costs less than
-        packing the rest.
+        Short sequences, each seen from nothing, of which the last output counts.
 
         :param features: (U, features_dim)
         :param position: (K,) which of the features belongs to each frame of the sequences
@@ -58,3 +72,12 @@ def is_frame(lengths: th.Tensor) -> th.Tensor:
     :return: (B, T) bool, whether there is a frame, with padding behind each sequence up to the longest
     """
     return th.arange(int(lengths.max()), device=lengths.device) < lengths.unsqueeze(1)
+
+
+def similar(lengths: th.Tensor) -> list[th.Tensor]:
+    """
+    :param lengths: (B,) frames in each sequence
+    :return: groups of sequences, none of them half as long as the longest of its group or shorter
+    """
+    power = lengths.log2().ceil()
+    return [(power == group).nonzero().squeeze(1) for group in power.unique()]

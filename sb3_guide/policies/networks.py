@@ -27,19 +27,27 @@ class Latent(NamedTuple):
 
 class AgentNetwork(nn.Module):
     """
-    What all three networks share: ``remember`` and ``recall`` turn frames into memory, ``latent`` turns memory into the
-    heads' input. SB3 calls a network as the policy's features extractor.
+    What all three networks share: ``remember``, ``step`` and ``recall`` turn frames into memory, ``latent`` turns memory into
+    the heads' input. SB3 calls a network as the policy's features extractor.
     """
 
     state_size: int  # width of h, of c and of the memory
     features_dim: int  # width of Latent.pi
     critic_dim: int  # width of Latent.vf
 
-    def remember(self, sequences: Sequences, state: State | None = None) -> tuple[th.Tensor, State]:
+    def remember(self, sequences: Sequences, state: State | None = None) -> th.Tensor:
         """
         :param sequences: B sequences of K frames in all
         :param state: (h, c), each (1, B, state_size), before the first frames; None where episodes begin
-        :return: memory at each frame (K, state_size), and (h, c) after the last frames
+        :return: memory at each frame (K, state_size)
+        """
+        raise NotImplementedError
+
+    def step(self, frames: Sequences, state: State) -> tuple[th.Tensor, State]:
+        """
+        :param frames: B sequences of one frame
+        :param state: (h, c), each (1, B, state_size), before it; zeros where episodes begin
+        :return: memory at that frame (B, state_size), and (h, c) after it
         """
         raise NotImplementedError
 
@@ -80,9 +88,12 @@ class Learner(AgentNetwork):
         self.memory = Memory(self.film.features_dim, size_of(size).memory)
         self.state_size = self.features_dim = self.critic_dim = self.memory.hidden
 
-    def remember(self, sequences: Sequences, state: State | None = None) -> tuple[th.Tensor, State]:
-        features, position = self.film.encode(sequences)
-        return self.memory(features[position], sequences.lengths, state)
+    def remember(self, sequences: Sequences, state: State | None = None) -> th.Tensor:
+        return self.memory(*self.film.encode(sequences), sequences.lengths, state)
+
+    def step(self, frames: Sequences, state: State) -> tuple[th.Tensor, State]:
+        features, position = self.film.encode(frames)
+        return self.memory.step(features[position], state)
 
     def recall(self, windows: Sequences) -> th.Tensor:
         return self.memory.last(*self.film.encode(windows), windows.lengths)
@@ -167,8 +178,11 @@ class Guide(GuideNetwork):
         self.state_size = self.critic_dim = self.speaker.state_size
         self.features_dim = size_of(size).message
 
-    def remember(self, sequences: Sequences, state: State | None = None) -> tuple[th.Tensor, State]:
+    def remember(self, sequences: Sequences, state: State | None = None) -> th.Tensor:
         return self.speaker.remember(sequences, state)
+
+    def step(self, frames: Sequences, state: State) -> tuple[th.Tensor, State]:
+        return self.speaker.step(frames, state)
 
     def recall(self, windows: Sequences) -> th.Tensor:
         return self.speaker.recall(windows)
@@ -209,21 +223,25 @@ class GuidedLearner(GuideNetwork):
         self.state_size = sum(self.parts)
         self.features_dim = self.critic_dim = self.learner.state_size + size_of(size).message
 
-    def remember(self, sequences: Sequences, state: State | None = None) -> tuple[th.Tensor, State]:
-        learner, (learner_h, learner_c) = self.learner.remember(sequences, self._part(state, 0))
-        speaker, (speaker_h, speaker_c) = self.speaker.remember(sequences, self._part(state, 1))
+    def remember(self, sequences: Sequences, state: State | None = None) -> th.Tensor:
+        of_learner, of_speaker = (None, None) if state is None else self._split(state)
+        learner, speaker = self.learner.remember(sequences, of_learner), self.speaker.remember(sequences, of_speaker)
+        return th.cat([learner, speaker], dim=-1)
+
+    def step(self, frames: Sequences, state: State) -> tuple[th.Tensor, State]:
+        of_learner, of_speaker = self._split(state)
+        learner, (learner_h, learner_c) = self.learner.step(frames, of_learner)
+        speaker, (speaker_h, speaker_c) = self.speaker.step(frames, of_speaker)
         state = th.cat([learner_h, speaker_h], dim=-1), th.cat([learner_c, speaker_c], dim=-1)
         return th.cat([learner, speaker], dim=-1), state
 
     def recall(self, windows: Sequences) -> th.Tensor:
         return th.cat([self.learner.recall(windows), self.speaker.recall(windows)], dim=-1)
 
-    def _part(self, state: State | None, part: int) -> State | None:
-        """:return: the Learner's (0) or the speaker's (1) state"""
-        if state is None:
-            return None
-        h, c = (both.split(self.parts, dim=-1)[part].contiguous() for both in state)
-        return h, c
+    def _split(self, state: State) -> tuple[State, State]:
+        """:return: the Learner's and the speaker's state"""
+        (learner_h, speaker_h), (learner_c, speaker_c) = (both.split(self.parts, dim=-1) for both in state)
+        return (learner_h.contiguous(), learner_c.contiguous()), (speaker_h.contiguous(), speaker_c.contiguous())
 
     def speaker_memory(self, memory: th.Tensor) -> th.Tensor:
         return memory[:, self.parts[0] :]

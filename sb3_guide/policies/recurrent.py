@@ -47,31 +47,39 @@ class CarriedMemory(AgentPolicy, RecurrentActorCriticPolicy):
         self.optimizer = self.optimizer_class(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)  # type: ignore[call-arg]
 
     def memory(self, obs: Observations, state: State | None = None) -> th.Tensor:
-        lengths = th.ones(len(obs["image"]), dtype=th.long, device=obs["image"].device)
-        return self.network.remember(Sequences(obs["image"], obs["mission"], lengths), state)[0]
+        return self.network.remember(frames(obs), state)
 
-    def _carry(self, obs: Observations, state: State, episode_starts: th.Tensor) -> tuple[Latent, State]:
+    def _step(self, obs: Observations, state: State, episode_starts: th.Tensor) -> tuple[Latent, State]:
+        """
+        :param obs: of B worlds
+        :param state: (h, c), (1, B, state_size) each, before it
+        :param episode_starts: (B,) 1 where an episode begins
+        :return: latent, and the state after it
+        """
+        memory, state = self.network.step(frames(obs), started_anew(state, episode_starts))
+        return self.network.latent(memory), state
+
+    def _carry(self, obs: Observations, state: State, episode_starts: th.Tensor) -> Latent:
         """
         :param obs: of n_seq sequences of T steps each, flattened; zeros where RecurrentPPO padded
         :param state: (h, c) before each sequence, (1, n_seq, state_size) each
         :param episode_starts: (n_seq * T,); episodes begin at the first step of a sequence or before it, never inside
-        :return: latent of n_seq * T steps, and the state after each sequence
+        :return: latent of n_seq * T steps
         """
         n_seq = state[0].shape[1]
         images = obs["image"].unflatten(0, (n_seq, -1))  # (n_seq, T, 7, 7, 3)
         valid = images.flatten(2).ne(0).any(dim=-1)
-        goes_on = 1.0 - episode_starts.view(n_seq, -1)[:, 0].view(1, n_seq, 1)
         missions = obs["mission"].unflatten(0, (n_seq, -1))[:, 0]
         sequences = Sequences(images[valid], missions, valid.sum(dim=1))
-        remembered, state = self.network.remember(sequences, (state[0] * goes_on, state[1] * goes_on))
+        remembered = self.network.remember(sequences, started_anew(state, episode_starts.view(n_seq, -1)[:, 0]))
         memory = remembered.new_zeros(valid.numel(), remembered.shape[1])
         memory[valid.flatten()] = remembered
-        return self.network.latent(memory), state
+        return self.network.latent(memory)
 
     def forward(  # type: ignore[override]
         self, obs: Observations, lstm_states: RNNStates, episode_starts: th.Tensor, deterministic: bool = False
     ) -> tuple[th.Tensor, th.Tensor, th.Tensor, RNNStates]:
-        latent, state = self._carry(obs, lstm_states.pi, episode_starts)
+        latent, state = self._step(obs, lstm_states.pi, episode_starts)
         distribution = self.action_distribution(latent)
         actions = distribution.get_actions(deterministic=deterministic)
         values = self.value_net(self.mlp_extractor.forward_critic(latent))  # type: ignore[arg-type]
@@ -80,22 +88,38 @@ class CarriedMemory(AgentPolicy, RecurrentActorCriticPolicy):
     def get_distribution(  # type: ignore[override]
         self, obs: Observations, lstm_states: State, episode_starts: th.Tensor
     ) -> tuple[Distribution, State]:
-        latent, state = self._carry(obs, lstm_states, episode_starts)
+        latent, state = self._step(obs, lstm_states, episode_starts)
         return self.action_distribution(latent), state
 
     def predict_values(  # type: ignore[override]
         self, obs: Observations, lstm_states: State, episode_starts: th.Tensor
     ) -> th.Tensor:
-        latent, _ = self._carry(obs, lstm_states, episode_starts)
+        latent, _ = self._step(obs, lstm_states, episode_starts)
         return self.value_net(self.mlp_extractor.forward_critic(latent))  # type: ignore[arg-type]
 
     def evaluate_actions(  # type: ignore[override]
         self, obs: Observations, actions: th.Tensor, lstm_states: RNNStates, episode_starts: th.Tensor
     ) -> tuple[th.Tensor, th.Tensor, th.Tensor | None]:
-        latent, _ = self._carry(obs, lstm_states.pi, episode_starts)
+        latent = self._carry(obs, lstm_states.pi, episode_starts)
         distribution = self.action_distribution(latent)
         values = self.value_net(self.mlp_extractor.forward_critic(latent))  # type: ignore[arg-type]
         return values, distribution.log_prob(actions), distribution.entropy()
+
+
+def frames(obs: Observations) -> Sequences:
+    """:return: the present image of each world as a sequence of its own"""
+    lengths = th.ones(len(obs["image"]), dtype=th.long, device=obs["image"].device)
+    return Sequences(obs["image"], obs["mission"], lengths)
+
+
+def started_anew(state: State, episode_starts: th.Tensor) -> State:
+    """
+    :param state: (h, c), (1, B, state_size) each
+    :param episode_starts: (B,) 1 where an episode begins
+    :return: the state, zero where an episode begins
+    """
+    goes_on = (1.0 - episode_starts).view(1, -1, 1)
+    return state[0] * goes_on, state[1] * goes_on
 
 
 class RecurrentLearnerPolicy(LearnerAgent, CarriedMemory):

@@ -97,7 +97,7 @@ def test_every_agent_learns_what_to_do_about_what_it_sees(policy_class, tmp_path
     algorithm, _ = episode_bc(policy, demonstrations, seed=0, **{**SETTINGS, "batch_size": 8, "learning_rate": 1e-3})
     algorithm.train(n_epochs=100, progress_bar=False)
     with th.no_grad():
-        memory, _ = policy.network.remember(demonstrations.episodes.sequences())
+        memory = policy.network.remember(demonstrations.episodes.sequences())
         learned = policy.action_distribution(policy.network.latent(memory)).mode()
     assert (learned.numpy() == actions).mean() > 0.95
 

@@ -112,9 +112,12 @@ def test_carried_memory_equals_sb3_contribs_loop_over_time():
     with th.no_grad():
         features = policy.network.film(obs)
         expected, after = RecurrentActorCriticPolicy._process_sequence(features, state, starts.flatten(), lstm)
-        latent, own_after = policy._carry(obs, state, starts.flatten())
+        latent = policy._carry(obs, state, starts.flatten())
+        for step in range(steps):
+            row = th.arange(n_seq) * steps + step
+            _, state = policy._step({name: part[row] for name, part in obs.items()}, state, starts[:, step])
     assert th.allclose(latent.pi, expected, atol=1e-5)
-    for own, theirs in zip(own_after, after, strict=True):
+    for own, theirs in zip(state, after, strict=True):
         assert th.allclose(own, theirs, atol=1e-5)
 
 
@@ -122,9 +125,9 @@ def test_sequences_do_not_depend_on_their_batch_mates():
     network = make_policy(RecurrentGuidePolicy).network
     images, missions, lengths = random_images(9), random_missions(3), th.tensor([2, 4, 3])
     with th.no_grad():
-        together, _ = network.remember(Sequences(images, missions, lengths))
+        together = network.remember(Sequences(images, missions, lengths))
         for row, part in enumerate(images.split(lengths.tolist())):
-            alone, _ = network.remember(Sequences(part, missions[row : row + 1], lengths[row : row + 1]))
+            alone = network.remember(Sequences(part, missions[row : row + 1], lengths[row : row + 1]))
             assert th.allclose(together.split(lengths.tolist())[row], alone, atol=1e-5)
 
 
