@@ -1,7 +1,7 @@
 """
 What each setting of the experts' PPO gives: `python -m benchmarks.ppo_levers --seeds 2 --out levers.json`.
 
-Trains with the level's settings in zoo_configs/ppo.yml, and with one of them changed at a time, for the same number of
+Trains with the level's settings in zoo_configs/, and with one of them changed at a time, for the same number of
 frames, and tells the success rate at the end, as trained (sampled actions), and the frames per second.
 """
 
@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from sb3_guide.callbacks.success import EpisodeSuccesses
 from sb3_guide.experiments.configs import load_config
-from sb3_guide.experiments.expert import build
+from sb3_guide.experiments.expert import ALGORITHMS, build
 from sb3_guide.experiments.runs import use_threads
 from sb3_guide.policies.folder import package_versions, write_json
 
@@ -49,9 +49,10 @@ class AllSuccesses(EpisodeSuccesses):
         return 5000
 
 
-def train(level: str, variant: dict[str, Any], seed: int, frames: int) -> dict[str, float]:
+def train(algo: str, level: str, variant: dict[str, Any], seed: int, frames: int) -> dict[str, float]:
     """:return: success rate over the last tenth of the frames, and frames per second"""
-    model, watcher = build(level, seed, {**load_config("ppo", level), **variant}), AllSuccesses()
+    model = build(ALGORITHMS[algo], level, seed, {**load_config(algo, level), **variant})
+    watcher = AllSuccesses()
     start = time.perf_counter()
     model.learn(frames * 9 // 10, callback=watcher)
     watcher.successes.clear()
@@ -65,6 +66,7 @@ def train(level: str, variant: dict[str, Any], seed: int, frames: int) -> dict[s
 def main() -> None:
     """Train every variant with every seed, and print a row of a table for each variant."""
     parser = argparse.ArgumentParser(description="Train with one setting changed at a time.")
+    parser.add_argument("--algo", choices=ALGORITHMS, default="ppo", help="algorithm, as rl-zoo names it")
     parser.add_argument("--level", default="GoToLocal", help="name of the level")
     parser.add_argument("--frames", type=int, default=300_000, help="of each training")
     parser.add_argument("--seeds", type=int, default=2, help="trainings of each variant")
@@ -75,12 +77,17 @@ def main() -> None:
     rows: dict[str, list[dict[str, float]]] = {}
     for name in arguments.variants:
         seeds = tqdm(range(arguments.seeds), desc=name)
-        rows[name] = [train(arguments.level, VARIANTS[name], seed, arguments.frames) for seed in seeds]
+        rows[name] = [train(arguments.algo, arguments.level, VARIANTS[name], seed, arguments.frames) for seed in seeds]
         rates = ", ".join(f"{row['success_rate']:.3f}" for row in rows[name])
         speed = np.mean([row["frames_per_second"] for row in rows[name]])
         print(f"| {name} | {rates} | {speed:,.0f} |", flush=True)
         if arguments.out:
-            settings = {"level": arguments.level, "frames": arguments.frames, "versions": package_versions()}
+            settings = {
+                "algo": arguments.algo,
+                "level": arguments.level,
+                "frames": arguments.frames,
+                "versions": package_versions(),
+            }
             write_json(arguments.out, {**settings, "variants": rows})
 
 

@@ -16,7 +16,7 @@ CELL_VALUES = 11  # values that each of the three can take
 
 class InstructionEncoder(nn.Module):
     """
-    Embedding and GRU over a mission's words; the hidden state after its last word (what comes of the padding after it is left out).
+    Embedding and GRU over a mission's words: the hidden state after its last word.
 
     :param vocabulary_size: number of word ids, 0 being padding
     :param size: widths
