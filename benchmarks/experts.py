@@ -18,17 +18,18 @@ from tqdm import tqdm
 from sb3_guide import experts
 from sb3_guide.cloning import mission_seeds, play
 from sb3_guide.envs import bot
+from sb3_guide.experiments.expert import ALGORITHMS
 from sb3_guide.experiments.statistics import wilson_interval
 from sb3_guide.policies import AgentPolicy, load_agent
 from sb3_guide.policies.folder import AGENT, package_versions, read_json, write_json
 
 CARD = """# Expert for {level}
 
-`sb3_guide.load_expert("{level}")`: a `{policy}` (window of {history} images before the present one) trained by SB3's PPO.
+`sb3_guide.load_expert("{level}")`: a `{policy}`, trained by {algorithm} {memory}.
 
 | | |
 |---|---|
-| success on {episodes} fresh missions, actions drawn as PPO trained it | {sampled} |
+| success on {episodes} fresh missions, actions drawn as in training | {sampled} |
 | success on the same missions, greedy | {greedy} |
 | mean episode length, drawn and greedy | {sampled_length:.1f} and {greedy_length:.1f} |
 | Minigrid's bot on the same missions | success {bot_success:.1%}, mean length {bot_length:.1f} |
@@ -43,6 +44,11 @@ Trained on missions whose seeds are below 1,000,000,000; evaluated on those from
 (`python -m benchmarks.experts --levels {level}`). The weights (`network.safetensors`, `agent.json`) hold no
 code. Trained for this level only: elsewhere it is a start for further training, no more.
 """
+
+MEMORY = {
+    "ppo": "with a window of the {history} images before the present one",
+    "ppo_lstm": "with a memory that is carried through the episode",
+}
 
 
 def of_bot(level: str, seeds: np.ndarray) -> tuple[float, float]:
@@ -97,7 +103,8 @@ def card(folder: Path, evaluation: dict[str, Any]) -> str:
         bot_success=evaluation["bot_success"],
         bot_length=evaluation["bot_length"],
         policy=agent["policy"],
-        history=agent["history"],
+        algorithm=ALGORITHMS[last["algo"]].__name__,
+        memory=MEMORY[last["algo"]].format(history=agent["history"]),
         seed=last["seed"],
         commands=", ".join(f"`{run['command']}`" for run in runs),
         frames=" + ".join(f"{run['frames']:,}" for run in runs),
