@@ -25,7 +25,14 @@ TINY = {
     "learning_rate": "lin_0.001",
     "callback": [{"sb3_guide.callbacks.StopTrainingOnSuccessRate": {"success_rate": 1.0, "n_episodes": 1000}}],
 }
-ALGORITHMS = {"ppo": PPO, "ppo_lstm": RecurrentPPO, "a2c": A2C, "ppo_finish": PPO, "ppo_guide": PPO}
+ALGORITHMS = {
+    "ppo": PPO,
+    "ppo_lstm": RecurrentPPO,
+    "a2c": A2C,
+    "ppo_finish": PPO,
+    "ppo_lstm_finish": RecurrentPPO,
+    "ppo_guide": PPO,
+}
 PAPER = ("GoToObj", "GoToLocal", "GoToObjMaze", "PickupLoc", "PutNextLocal", "GoTo")
 
 
