@@ -1,0 +1,43 @@
+"""The memory LSTM over sequences of different lengths."""
+
+import torch as th
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sb3_guide.policies.memory import Memory, similar
+
+
+@given(st.lists(st.integers(1, 200), min_size=1, max_size=50))
+def test_groups_of_similar_sequences(lengths):
+    groups = similar(th.tensor(lengths))
+    assert sorted(th.cat(groups).tolist()) == list(range(len(lengths)))
+    for rows in groups:
+        longest = max(lengths[row] for row in rows)
+        assert all(2 * lengths[row] > longest for row in rows)
+
+
+@given(st.lists(st.integers(1, 20), min_size=1, max_size=6), st.integers(0, 2**31))
+def test_each_sequence_is_remembered_as_if_it_were_alone(lengths, seed):
+    th.manual_seed(seed)
+    memory, features, frames = Memory(3, 4), th.randn(5, 3, requires_grad=True), sum(lengths)
+    position, weight = th.randint(5, (frames,)), th.randn(frames, 4)
+    state = (th.randn(1, len(lengths), 4), th.randn(1, len(lengths), 4))
+
+    together = memory(features, position, th.tensor(lengths), state)
+    alone = [
+        memory.lstm(features[part].unsqueeze(0), (state[0][:, [row]], state[1][:, [row]]))[0].squeeze(0)
+        for row, part in enumerate(position.split(lengths))
+    ]
+    assert th.allclose(together, th.cat(alone), atol=1e-5)
+    gradients = [th.autograd.grad((output * weight).sum(), features)[0] for output in (together, th.cat(alone))]
+    assert th.allclose(*gradients, atol=1e-4)
+
+
+def test_step_by_step_equals_the_sequence():
+    memory, features, lengths = Memory(3, 4), th.randn(6, 3), th.tensor([3, 3])
+    state = (th.randn(1, 2, 4), th.randn(1, 2, 4))
+    with th.no_grad():
+        together = memory(features, th.arange(6), lengths, state)
+        for step in range(3):
+            output, state = memory.step(features[[step, 3 + step]], state)
+            assert th.allclose(output, together[[step, 3 + step]], atol=1e-6)
