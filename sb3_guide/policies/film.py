@@ -62,10 +62,10 @@ class FiLM(nn.Module):
 
 class CompactVision(nn.Module):
     """
-    An embedding for each cell, FiLM, one convolution over the whole view, FiLM: what two CPU cores train well. A cell is
-    embedded as the sum of its type, colour and state, which is how missions speak of it, and of the three together. Layer
-    normalisation bounds what FiLM and memory get: without it, a step of Adam on a kernel of this size saturates the memory
-    for good.
+    An embedding for each cell, FiLM twice, one convolution over the whole view, FiLM: what two CPU cores train well. A cell is
+    embedded as the sum of its type, colour and state, which is how missions speak of it, and of the three together. It takes
+    two layers to tell that a cell is of the type and of the colour that the mission names. Layer normalisation bounds what
+    FiLM and memory get: without it, a step of Adam on a kernel of this size saturates the memory for good.
 
     :param size: widths
     """
@@ -77,7 +77,9 @@ class CompactVision(nn.Module):
         self.parts = nn.ModuleList(nn.Embedding(CELL_VALUES, size.cell) for _ in range(CHANNELS))
         self.whole = nn.Embedding(CELL_VALUES**CHANNELS, size.cell)
         self.film_cells = FiLM(size.instruction, size.cell)
-        self.convolution = nn.Linear(VIEW * VIEW * size.cell, size.image)  # the kernel is as large as the view
+        self.mix = nn.Linear(size.cell, size.view)
+        self.film_mixed = FiLM(size.instruction, size.view)
+        self.convolution = nn.Linear(VIEW * VIEW * size.view, size.image)  # the kernel is as large as the view
         self.normalise = nn.LayerNorm(size.image, elementwise_affine=False)
         self.film_view = FiLM(size.instruction, size.image)
         self.out = nn.Linear(size.image, size.image)
@@ -98,14 +100,15 @@ class CompactVision(nn.Module):
         """
         Few kinds of cells occur, so each is modulated once by each instruction, and looked up after that.
 
-        :return: (N, 49, cell)
+        :return: (N, 49, view)
         """
         cells = (images.flatten(1, 2).long() * self.place_value).sum(dim=-1)  # (N, 49)
         occurs = th.zeros(self.whole.num_embeddings, dtype=th.bool, device=cells.device)
         occurs[cells.flatten()] = True
         kinds = occurs.nonzero().squeeze(1)  # (U,)
         pairs = th.arange(len(instructions), device=cells.device).repeat_interleave(len(kinds))
-        table = self.film_cells(self.embed(kinds).repeat(len(instructions), 1), instructions, pairs).relu()
+        cell = self.film_cells(self.embed(kinds).repeat(len(instructions), 1), instructions, pairs).relu()
+        table = self.film_mixed(self.mix(cell), instructions, pairs).relu()  # (M * U, view)
         return embedding(row.unsqueeze(1) * len(kinds) + (occurs.cumsum(0) - 1)[cells], table)
 
     def embed(self, cells: th.Tensor) -> th.Tensor:
@@ -163,7 +166,8 @@ class PaperVision(nn.Module):
             nn.ReLU(),
             pool,  # 2x2
         )
-        self.blocks = nn.ModuleList([FiLMBlock(size.instruction, size.cell, channels) for channels in (size.cell, size.image)])
+        widths = ((size.cell, size.view), (size.view, size.image))
+        self.blocks = nn.ModuleList(FiLMBlock(size.instruction, *channels) for channels in widths)
         self.pool = pool
 
     def forward(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:

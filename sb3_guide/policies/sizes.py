@@ -10,6 +10,7 @@ class Size(NamedTuple):
     :param word: embedding of a mission's word
     :param instruction: hidden units of the instruction GRU
     :param cell: channels that the view has when the instruction first modulates it
+    :param view: channels that it has after that
     :param image: units that the view is reduced to, which are the input of the memory
     :param memory: hidden units of the memory LSTM
     :param symbol: embedding of a message's symbol, in the decoder and in the encoder
@@ -19,6 +20,7 @@ class Size(NamedTuple):
     word: int
     instruction: int
     cell: int
+    view: int
     image: int
     memory: int
     symbol: int
@@ -26,9 +28,9 @@ class Size(NamedTuple):
 
 
 SIZES = {
-    "compact": Size(word=32, instruction=128, cell=32, image=128, memory=64, symbol=32, message=64),
-    # Table A.2 of the paper; cell, symbol and message are those of the authors' code
-    "paper": Size(word=256, instruction=256, cell=128, image=256, memory=2048, symbol=256, message=512),
+    "compact": Size(word=32, instruction=128, cell=128, view=16, image=128, memory=64, symbol=32, message=64),
+    # Table A.2 of the paper; cell, view, symbol and message are those of the authors' code
+    "paper": Size(word=256, instruction=256, cell=128, view=128, image=256, memory=2048, symbol=256, message=512),
 }
 
 
