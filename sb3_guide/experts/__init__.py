@@ -4,6 +4,7 @@ from pathlib import Path
 
 from sb3_contrib import RecurrentPPO
 from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import VecMonitor
 
 from sb3_guide.envs import GuideGridVecEnv, level_of
 from sb3_guide.policies.agents import LearnerAgent
@@ -38,7 +39,7 @@ def load_expert(level: str, n_envs: int = 1) -> PPO | RecurrentPPO:
     :raises ValueError: if the level is unknown, or there is no trained expert for it
     """
     policy = load_agent(expert_folder(level), LearnerAgent)
-    venv = GuideGridVecEnv(level, n_envs, history=history_of(policy.observation_space))
+    venv = VecMonitor(GuideGridVecEnv(level, n_envs, history=history_of(policy.observation_space)))
     policy_kwargs = {**policy.agent_kwargs, "net_arch": policy.net_arch, "activation_fn": policy.activation_fn}
     model = (RecurrentPPO if policy.carries_memory else PPO)("LearnerPolicy", venv, policy_kwargs=policy_kwargs)
     assert isinstance(model.policy, LearnerAgent)
