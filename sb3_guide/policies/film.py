@@ -49,6 +49,7 @@ class FiLM(nn.Module):
         super().__init__()
         self.gamma = nn.Linear(condition_dim, channels)
         self.beta = nn.Linear(condition_dim, channels)
+        nn.init.ones_(self.gamma.bias)  # features pass as they are at first, unless SB3's orthogonal initialisation follows
 
     def forward(self, x: th.Tensor, y: th.Tensor, row: th.Tensor) -> th.Tensor:
         """
