@@ -42,6 +42,7 @@ class GuideAgent(AgentPolicy):
     :param size: "compact" or "paper" (Table A.2)
     :param message_length: symbols in a message
     :param vocabulary_size: different symbols
+    :param ortho_init: SB3's orthogonal initialisation, which would undo the channel's own
     """
 
     network_class = Guide
@@ -55,9 +56,11 @@ class GuideAgent(AgentPolicy):
         size: str = "compact",
         message_length: int = 2,
         vocabulary_size: int = 3,
+        ortho_init: bool = False,
         **kwargs: Any,
     ) -> None:
         own = {"size": size, "message_length": message_length, "vocabulary_size": vocabulary_size}
+        kwargs = {**kwargs, "ortho_init": ortho_init}
         super().__init__(observation_space, action_space, lr_schedule, network_kwargs=own, agent_kwargs=own, **kwargs)
 
 
@@ -69,6 +72,7 @@ class GuidedLearnerAgent(AgentPolicy):
     :param guide: an agent's folder, a :class:`PretrainedGuide` or its description
     :param freeze_guide: keep the Guide as it is; it is trained along otherwise
     :param size: of the Learner, "compact" or "paper" (Table A.2)
+    :param ortho_init: SB3's orthogonal initialisation
     :raises ValueError: if there is no Guide, or one of the other memory mode
     """
 
@@ -83,6 +87,7 @@ class GuidedLearnerAgent(AgentPolicy):
         guide: PretrainedGuide | Mapping[str, Any] | str | Path | None = None,
         freeze_guide: bool = False,
         size: str = "compact",
+        ortho_init: bool = False,
         **kwargs: Any,
     ) -> None:
         guide = PretrainedGuide.of(guide)
@@ -103,6 +108,7 @@ class GuidedLearnerAgent(AgentPolicy):
                 "vocabulary_size": of_guide["vocabulary_size"],
             },
             agent_kwargs={"size": size, "guide": asdict(guide.description), "freeze_guide": freeze_guide},
+            ortho_init=ortho_init,
             **kwargs,
         )
         if guide.weights is not None:

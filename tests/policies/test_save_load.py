@@ -65,7 +65,10 @@ def test_a_guided_learners_folder_needs_no_guide(tmp_path, guide, window):
 
 
 def test_the_guides_trunk_and_decoder_are_taken_over_and_the_encoder_is_new(guide):
-    pretrained, guided = load_agent(guide), make_policy(GuidedLearnerPolicy, guide=guide)
+    pretrained = load_agent(guide)
+    th.nn.init.ones_(pretrained.channel.encoder.embedding.weight)  # as no new one has it
+    save_agent(pretrained, guide)
+    guided = make_policy(GuidedLearnerPolicy, guide=guide)
     old, new = pretrained.channel.speaker.state_dict(), guided.channel.speaker.state_dict()
     assert all(th.equal(old[name], new[name]) for name in old)
     assert not th.equal(pretrained.channel.encoder.embedding.weight, guided.channel.encoder.embedding.weight)
