@@ -36,6 +36,12 @@ def test_the_guides_actions_are_a_function_of_its_message_alone(window, size):
         assert th.allclose(policy.listen(memory), of_message.expand(4, 9, 7), atol=1e-6)
 
 
+def test_sb3_leaves_the_channels_initialisation_alone(window):
+    policy = make_policy(GuidePolicy)
+    with th.no_grad():
+        assert th.allclose(policy.message_log_probs(window).exp(), th.tensor(1 / 9), atol=1e-6)
+
+
 def test_no_gradient_reaches_the_guides_memory_but_through_the_message(window, monkeypatch):
     policy = make_policy(GuidePolicy)
     speak = policy.channel.speak
