@@ -31,6 +31,7 @@ from sb3_guide.envs.vocabulary import encode
 from sb3_guide.experiments.configs import algorithm_arguments, load_config
 from sb3_guide.policies import FiLMExtractor
 from sb3_guide.policies.folder import package_versions, write_json
+from sb3_guide.policies.sizes import size_of
 
 
 class MinigridWorld(gymnasium.ObservationWrapper):
@@ -75,7 +76,10 @@ def competitors(level: str) -> dict[str, Callable[[], OnPolicyAlgorithm]]:
     policy_kwargs = arguments.pop("policy_kwargs", {})
     history = config.get("env_kwargs", {}).get("history", DEFAULT_HISTORY)
     ours = {"policy_kwargs": policy_kwargs, "seed": 0, **arguments}
-    stock = {**ours, "policy_kwargs": {"features_extractor_class": FiLMExtractor, "lstm_hidden_size": 128}}
+    stock = {
+        **ours,
+        "policy_kwargs": {"features_extractor_class": FiLMExtractor, "lstm_hidden_size": size_of("compact").memory},
+    }
 
     def worlds(history: int) -> VecEnv:
         return GuideGridVecEnv(level_of(level).env_id, n_envs, history=history)
