@@ -6,7 +6,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 from torch.nn.functional import embedding
 
-from sb3_guide.policies.sequences import Observations, Sequences, distinct
+from sb3_guide.policies.sequences import Observations, Sequences, distinct, frames
 from sb3_guide.policies.sizes import Size, size_of
 
 VIEW = 7  # cells on a side of the agent's view
@@ -209,8 +209,7 @@ class FiLMExtractor(BaseFeaturesExtractor):
         :param observations: "image" (N, 7, 7, 3) and "mission" (N, 72)
         :return: (N, features_dim)
         """
-        lengths = th.ones(len(observations["image"]), dtype=th.long, device=observations["image"].device)
-        features, position = self.encode(Sequences(observations["image"], observations["mission"], lengths))
+        features, position = self.encode(frames(observations))
         return features[position]
 
     def encode(self, sequences: Sequences) -> tuple[th.Tensor, th.Tensor]:
@@ -224,5 +223,5 @@ class FiLMExtractor(BaseFeaturesExtractor):
         representatives, kind = distinct(missions)
         instructions = self.instruction(missions[representatives].long())
         mission_of_image = kind.repeat_interleave(lengths)
-        frames, position = distinct(th.cat([images.flatten(1), mission_of_image.unsqueeze(1)], dim=1))
-        return self.vision(images[frames], instructions, mission_of_image[frames]), position
+        shown, position = distinct(th.cat([images.flatten(1), mission_of_image.unsqueeze(1)], dim=1))
+        return self.vision(images[shown], instructions, mission_of_image[shown]), position

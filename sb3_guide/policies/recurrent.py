@@ -14,7 +14,7 @@ from sb3_guide.policies.agents import GuideAgent, GuidedLearnerAgent, LearnerAge
 from sb3_guide.policies.base import AgentPolicy
 from sb3_guide.policies.memory import State
 from sb3_guide.policies.networks import Latent
-from sb3_guide.policies.sequences import Observations, Sequences
+from sb3_guide.policies.sequences import Observations, Sequences, frames
 
 
 class StateShape(nn.Module):
@@ -104,12 +104,6 @@ class CarriedMemory(AgentPolicy, RecurrentActorCriticPolicy):
         distribution = self.action_distribution(latent)
         values = self.value_net(self.mlp_extractor.forward_critic(latent))  # type: ignore[arg-type]
         return values, distribution.log_prob(actions), distribution.entropy()
-
-
-def frames(obs: Observations) -> Sequences:
-    """:return: the present image of each world as a sequence of its own"""
-    lengths = th.ones(len(obs["image"]), dtype=th.long, device=obs["image"].device)
-    return Sequences(obs["image"], obs["mission"], lengths)
 
 
 def started_anew(state: State, episode_starts: th.Tensor) -> State:

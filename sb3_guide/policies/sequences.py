@@ -22,6 +22,16 @@ class Sequences(NamedTuple):
     lengths: th.Tensor
 
 
+def frames(observations: Observations) -> Sequences:
+    """
+    The present image of each world, as a sequence of its own.
+
+    :param observations: "image" (B, 7, 7, 3) and "mission" (B, 72)
+    """
+    images = observations["image"]
+    return Sequences(images, observations["mission"], th.ones(len(images), dtype=th.long, device=images.device))
+
+
 def windows(observations: Observations) -> Sequences:
     """
     The frames that a window policy remembers: history, then the present image. Frames before the episode began are all
