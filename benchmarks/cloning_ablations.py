@@ -23,7 +23,7 @@ from sb3_guide.callbacks import EpochMetrics
 from sb3_guide.cloning import load_demonstrations, mission_seeds
 from sb3_guide.cloning.bc import episode_bc
 from sb3_guide.envs import ACTIONS, observation_space
-from sb3_guide.experiments.configs import load_config
+from sb3_guide.experiments.stages.configs import load_config
 from sb3_guide.policies import AgentPolicy, RecurrentGuidePolicy, RecurrentLearnerPolicy
 
 EPOCHS = (5, 10, 20)

@@ -16,9 +16,9 @@ import numpy as np
 from tqdm import tqdm
 
 from sb3_guide.callbacks.success import EpisodeSuccesses
-from sb3_guide.experiments.configs import load_config
-from sb3_guide.experiments.expert import ALGORITHMS, build
-from sb3_guide.experiments.runs import use_threads
+from sb3_guide.experiments.stages.configs import load_config
+from sb3_guide.experiments.stages.expert import ALGORITHMS, build
+from sb3_guide.experiments.stages.runs import use_threads
 from sb3_guide.policies.folder import package_versions, write_json
 
 VARIANTS: dict[str, dict[str, Any]] = {

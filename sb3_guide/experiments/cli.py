@@ -59,7 +59,7 @@ def expert(
     algo: Annotated[Algo, typer.Option(help="SB3's PPO or A2C, or sb3-contrib's RecurrentPPO (ppo_lstm).")] = Algo.ppo,
 ) -> None:
     """Stage 1: train an expert with PPO, or with another of SB3's algorithms."""
-    from sb3_guide.experiments.expert import train_expert
+    from sb3_guide.experiments.stages.expert import train_expert
 
     train_expert(level, out, seed, threads, resume, config, init, algo.value)
 
@@ -74,7 +74,7 @@ def record(
     threads: Threads = 1,
 ) -> None:
     """Record demonstrations of an expert: its successful episodes."""
-    from sb3_guide.experiments.record import record_demonstrations
+    from sb3_guide.experiments.stages.record import record_demonstrations
     from sb3_guide.experts import expert_folder
 
     folder = expert_folder(level) if expert == "pretrained" else Path(expert)
@@ -95,7 +95,7 @@ def clone(
     config: Config = None,
 ) -> None:
     """Stages 2 and 3: clone demonstrations into a Learner, a Guide or a Learner that hears a Guide."""
-    from sb3_guide.experiments.clone import clone as clone_agent
+    from sb3_guide.experiments.stages.clone import clone as clone_agent
 
     clone_agent(agent.value, level, demos, out, seed, threads, resume, guide, freeze_guide, config)
 
@@ -109,7 +109,7 @@ def evaluate(
     threads: Threads = 1,
 ) -> None:
     """Measure an agent's success rate on fresh missions."""
-    from sb3_guide.experiments.evaluate import evaluate as evaluate_agent
+    from sb3_guide.experiments.stages.evaluate import evaluate as evaluate_agent
 
     evaluate_agent(agent, level, episodes, out, threads)
 
@@ -123,7 +123,7 @@ def analyze(
     threads: Threads = 1,
 ) -> None:
     """Find out what an agent's messages mean: counts, causal influence, and an episode to watch."""
-    from sb3_guide.experiments.analyze import analyze as analyze_agent
+    from sb3_guide.experiments.stages.analyze import analyze as analyze_agent
 
     analyze_agent(agent, level, demos, out, threads)
 

@@ -1,30 +1,16 @@
 """The whole experiment with one call: the packaged Snakemake workflow, then summary and report."""
 
-import os
 import shlex
-import subprocess
-import sys
-import time
-from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from queue import Empty, SimpleQueue
-from threading import Thread
-
-import psutil
-from filelock import FileLock, Timeout
 
 from sb3_guide.envs import level_of
-from sb3_guide.experiments.configs import load_config
-from sb3_guide.experiments.display import Display, last_lines
-from sb3_guide.experiments.report import write_report
-from sb3_guide.experiments.summary import summarise
-from sb3_guide.policies.folder import read_json, write_json
-
-SNAKEFILE = Path(__file__).with_name("workflow") / "Snakefile"
-RUN_VARIABLE = "SB3_GUIDE_RUN"  # in the environment of every process of a run: the run's folder
-POLL_SECONDS = 0.5
+from sb3_guide.experiments.report.page import write_report
+from sb3_guide.experiments.report.summary import summarise
+from sb3_guide.experiments.stages.configs import load_config
+from sb3_guide.experiments.workflow.running import locked, run_workflow
+from sb3_guide.policies.folder import write_json
 
 
 def reproduce(levels: Sequence[str], seeds: int, cores: int, out: Path) -> None:
@@ -63,150 +49,3 @@ def check_arguments(levels: Sequence[str], seeds: int, cores: int) -> None:
             raise ValueError(f"The number of {what} is {number}: expected at least 1")
     if find_spec("snakemake") is None:
         raise RuntimeError("Snakemake isn't installed: pip install 'sb3-guide[experiments]', on Python 3.11 or newer")
-
-
-@contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """
-    Hold a folder, and be sure that no process of an earlier call works in it: neither before nor after.
-
-    :param folder: of the run, made if need be
-    :raises RuntimeError: if another call holds it, or it can't be used
-    """
-    lock, owner = FileLock(folder / ".lock"), folder / ".owner.json"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        try:
-            lock.acquire(timeout=0)
-        except Timeout:
-            lock.acquire(timeout=10 if end_abandoned(owner) else 0)
-        write_json(owner, {"pid": os.getpid(), "ancestors": ancestors(psutil.Process())})
-    except Timeout:
-        raise RuntimeError(f"{folder} is in use by another reproduce: wait for it, or choose another folder") from None
-    except OSError as error:
-        raise RuntimeError(f"{folder} can't be used ({error}): choose another folder") from error
-    try:
-        end_leftovers(folder)
-        yield
-    finally:
-        end_leftovers(folder)
-        lock.release()
-
-
-def end_abandoned(owner: Path) -> bool:
-    """
-    Kill the call that holds a folder if what started it is gone, as after a SIGKILL of make: nobody watches it any more.
-
-    :param owner: file in which the holder has put its process and the processes above it
-    :return: whether the folder will be free
-    """
-    try:
-        content = read_json(owner)
-        holder = psutil.Process(content["pid"])
-        if ancestors(holder) == content["ancestors"]:
-            return False
-        holder.kill()
-    except (FileNotFoundError, psutil.NoSuchProcess):
-        pass  # it is about to begin or to end
-    return True
-
-
-def ancestors(process: psutil.Process) -> list[int]:
-    """:return: numbers of the processes above this one, its parent first"""
-    return [parent.pid for parent in process.parents()]
-
-
-def end_leftovers(folder: Path) -> None:
-    """
-    Kill what a killed call left running. The stages can bear that: they go on from their checkpoints.
-
-    :param folder: of the run
-    """
-    while left := [
-        process
-        for process in psutil.process_iter(["environ"])
-        if (process.info["environ"] or {}).get(RUN_VARIABLE) == str(folder)
-    ]:
-        for process in left:
-            with suppress(psutil.NoSuchProcess):
-                process.kill()
-        psutil.wait_procs(left, timeout=10)
-
-
-def run_workflow(levels: Sequence[str], seeds: int, cores: int, folder: Path) -> float:
-    """
-    :param levels: names
-    :param seeds: how many
-    :param cores: of this machine
-    :param folder: of the run
-    :return: seconds that the run has taken, all calls that worked on it together
-    :raises RuntimeError: if a stage fails
-    """
-    command = [
-        *(sys.executable, "-m", "snakemake", "all", "--snakefile", str(SNAKEFILE), "--directory", str(folder)),
-        *("--config", f"levels=[{','.join(levels)}]", f"seeds={seeds}", "--cores", str(cores), "--scheduler", "greedy"),
-        # this call holds a lock of its own, which unlike Snakemake's ends with the process
-        *("--nolock", "--rerun-incomplete", "--rerun-triggers", "mtime", "params", "input", "--nocolor"),
-    ]
-    # threads that spin while they wait make a stage several times slower as soon as other processes want the cores
-    environment = {"OMP_WAIT_POLICY": "PASSIVE", **os.environ, RUN_VARIABLE: str(folder), "TQDM_MININTERVAL": "1"}
-    stopwatch, log = Stopwatch(folder / "log" / "seconds.json"), folder / "log" / "snakemake.log"
-    process = subprocess.Popen(
-        command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-    )
-    with closing(Display(folder, cores)) as display, log.open("w", buffering=1) as file:
-        for line in lines_of(process):
-            stopwatch.save()
-            file.write(line)
-            display.show(line)
-    if process.wait():
-        reason = " ".join(last_lines(log)[-3:])
-        if display.failed:
-            reason = f"failed: {', '.join(display.failed)}"
-        elif process.returncode < 0:
-            reason = f"Snakemake was killed by signal {-process.returncode}"
-        raise RuntimeError(f"The workflow stopped ({reason}), see {log}. The same command goes on from where it stopped")
-    return stopwatch.save()
-
-
-def lines_of(process: "subprocess.Popen[str]") -> Iterator[str]:
-    """
-    :param process: with a pipe as its standard output
-    :return: each line as it comes, and an empty one after every POLL_SECONDS of silence, until the process ends
-    """
-    lines: SimpleQueue[str | None] = SimpleQueue()
-
-    def read() -> None:
-        for line in process.stdout or ():
-            lines.put(line)
-        lines.put(None)
-
-    Thread(target=read, daemon=True).start()
-    while True:
-        try:
-            line = lines.get(timeout=POLL_SECONDS)
-        except Empty:
-            line = "" if process.poll() is None else None  # if it was killed, a stage may still hold the pipe's other end
-        if line is None:
-            return
-        yield line
-
-
-class Stopwatch:
-    """
-    Seconds that the calls of one run have taken together, those that were killed included.
-
-    :param path: where the sum is kept
-    """
-
-    def __init__(self, path: Path) -> None:
-        path.parent.mkdir(exist_ok=True)
-        self.path = path
-        self.before = float(read_json(path)) if path.exists() else 0.0
-        self.start = time.monotonic()
-
-    def save(self) -> float:
-        """:return: the sum up to now, which is written down too"""
-        seconds = self.before + time.monotonic() - self.start
-        write_json(self.path, round(seconds, 1))
-        return seconds

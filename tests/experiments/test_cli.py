@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from sb3_guide.experiments.cli import app
-from sb3_guide.experiments.configs import load_config
+from sb3_guide.experiments.stages.configs import load_config
 
 COMMANDS = ("expert", "record", "clone", "evaluate", "analyze", "reproduce")
 

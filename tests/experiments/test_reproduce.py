@@ -14,9 +14,10 @@ import pytest
 from typer.core import TyperGroup
 from typer.main import get_command
 
-from sb3_guide.experiments import reproduce as module
 from sb3_guide.experiments.cli import app
-from sb3_guide.experiments.reproduce import RUN_VARIABLE, end_leftovers, locked, reproduce
+from sb3_guide.experiments.reproduce import reproduce
+from sb3_guide.experiments.workflow import running as module
+from sb3_guide.experiments.workflow.running import RUN_VARIABLE, end_leftovers, locked
 
 FAKE = Path(__file__).with_name("fake_stages.py")
 PACKAGED = module.SNAKEFILE
@@ -57,8 +58,9 @@ def summary_of(folder: Path) -> dict[str, Any]:
 def start(workflow: Path, folder: Path, seconds: float) -> "subprocess.Popen[bytes]":
     """Reproduce as make does, in a child of the process that is returned, with stages of so many seconds."""
     code = (
-        "from pathlib import Path; from sb3_guide.experiments import reproduce as module;"
-        f"module.SNAKEFILE = Path({str(workflow)!r}); module.reproduce(['GoToObj'], 1, 2, Path({str(folder)!r}))"
+        "from pathlib import Path; from sb3_guide.experiments.reproduce import reproduce;"
+        "from sb3_guide.experiments.workflow import running as module;"
+        f"module.SNAKEFILE = Path({str(workflow)!r}); reproduce(['GoToObj'], 1, 2, Path({str(folder)!r}))"
     )
     environment = {**os.environ, "FAKE_SECONDS": str(seconds)}
     make = ["sh", "-c", '"$@"; exit $?', "make", sys.executable, "-c", code]

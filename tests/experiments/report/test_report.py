@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from sb3_guide.experiments.report import duration, write_report
-from sb3_guide.experiments.summary import summarise
+from sb3_guide.experiments.report.page import duration, write_report
+from sb3_guide.experiments.report.summary import summarise
 
 
 class Outline(HTMLParser):

@@ -10,8 +10,8 @@ import torch as th
 from sb3_guide.callbacks import measure_communication
 from sb3_guide.cloning import Episodes, load_demonstrations, mission_seeds, play
 from sb3_guide.envs import ACTIONS, GuideGridEnv, level_of
-from sb3_guide.experiments.animation import Caption, write_animation
-from sb3_guide.experiments.runs import record, use_threads
+from sb3_guide.experiments.stages.animation import Caption, write_animation
+from sb3_guide.experiments.stages.runs import record, use_threads
 from sb3_guide.metrics import message_action_counts
 from sb3_guide.policies import AgentPolicy, load_agent
 from sb3_guide.policies.folder import write_json

@@ -7,8 +7,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from sb3_guide.experiments.figures import GUIDE, action_figure, influence_figure, success_figure
-from sb3_guide.experiments.summary import summarise
+from sb3_guide.experiments.report.figures import GUIDE, action_figure, influence_figure, success_figure
+from sb3_guide.experiments.report.summary import summarise
 
 
 @pytest.fixture(scope="module", params=[1, 2])

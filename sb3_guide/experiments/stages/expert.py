@@ -21,8 +21,8 @@ from sb3_guide.callbacks import (
 from sb3_guide.callbacks.checkpoint import load_state
 from sb3_guide.callbacks.success import EpisodeSuccesses
 from sb3_guide.envs import GuideGridVecEnv, level_of
-from sb3_guide.experiments.configs import algorithm_arguments, load_config
-from sb3_guide.experiments.runs import TableWriter, plain_values, stage, use_threads
+from sb3_guide.experiments.stages.configs import algorithm_arguments, load_config
+from sb3_guide.experiments.stages.runs import TableWriter, plain_values, stage, use_threads
 from sb3_guide.policies import AgentPolicy, load_agent, save_agent
 from sb3_guide.policies.agents import GuideAgent, GuidedLearnerAgent, LearnerAgent
 from sb3_guide.policies.saving import load_weights, weights_of

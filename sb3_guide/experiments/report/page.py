@@ -12,8 +12,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from PIL import Image
 
-from sb3_guide.experiments.figures import GUIDE, GUIDED, action_figure, influence_figure, success_figure
-from sb3_guide.experiments.findings import early_finding, influence_finding, nats, percent, signed, training_finding
+from sb3_guide.experiments.report.figures import GUIDE, GUIDED, action_figure, influence_figure, success_figure
+from sb3_guide.experiments.report.findings import early_finding, influence_finding, nats, percent, signed, training_finding
 from sb3_guide.metrics import conditional
 from sb3_guide.policies.folder import read_json
 
@@ -40,7 +40,7 @@ def write_report(folder: Path, summary: dict[str, Any], command: str) -> None:
     :raises FileNotFoundError: if an analysis or an animation is missing
     """
     environment = Environment(
-        loader=PackageLoader("sb3_guide.experiments"),
+        loader=PackageLoader("sb3_guide.experiments.report"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

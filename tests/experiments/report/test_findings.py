@@ -2,8 +2,8 @@ from typing import Any
 
 import pytest
 
-from sb3_guide.experiments.findings import early_finding, influence_finding, percent, signed, training_finding
-from sb3_guide.experiments.summary import trend
+from sb3_guide.experiments.report.findings import early_finding, influence_finding, percent, signed, training_finding
+from sb3_guide.experiments.report.summary import trend
 
 
 def level(*by_seed: float) -> dict[str, Any]:

@@ -15,9 +15,9 @@ from sb3_guide.callbacks.checkpoint import load_state, save_state
 from sb3_guide.cloning import Demonstrations, load_demonstrations, mission_seeds
 from sb3_guide.cloning.bc import EpisodeLoss, episode_bc
 from sb3_guide.envs import ACTIONS, level_of, observation_space
-from sb3_guide.experiments.configs import load_config
-from sb3_guide.experiments.runs import Run, stage, use_threads, write_table
-from sb3_guide.experiments.statistics import wilson_interval
+from sb3_guide.experiments.stages.configs import load_config
+from sb3_guide.experiments.stages.runs import Run, stage, use_threads, write_table
+from sb3_guide.experiments.stages.statistics import wilson_interval
 from sb3_guide.policies import AgentPolicy, PretrainedGuide, save_agent
 from sb3_guide.policies.recurrent import RecurrentGuidedLearnerPolicy, RecurrentGuidePolicy, RecurrentLearnerPolicy
 

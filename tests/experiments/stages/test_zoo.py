@@ -10,8 +10,8 @@ import yaml
 from sb3_contrib import RecurrentPPO
 from stable_baselines3 import A2C, PPO
 
-from sb3_guide.experiments.configs import FOLDERS, algorithm_arguments
-from sb3_guide.experiments.expert import train_expert
+from sb3_guide.experiments.stages.configs import FOLDERS, algorithm_arguments
+from sb3_guide.experiments.stages.expert import train_expert
 from sb3_guide.policies import load_agent
 
 KEY = "GuideGrid-GoToObj-v0"

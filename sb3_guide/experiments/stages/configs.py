@@ -9,7 +9,7 @@ from stable_baselines3.common.type_aliases import Schedule
 
 from sb3_guide.envs import level_of
 
-PACKAGE = Path(__file__).parents[1]
+PACKAGE = Path(__file__).parents[2]
 FOLDERS = (PACKAGE / "zoo_configs", PACKAGE.parent / "zoo_configs")  # inside a wheel, beside the package in a checkout
 
 OF_THE_ZOO = ("policy", "n_envs", "n_timesteps", "env_kwargs", "callback")  # keys that rl-zoo itself reads

@@ -13,13 +13,13 @@ import torch as th
 import yaml
 
 from sb3_guide.cloning import load_demonstrations
-from sb3_guide.experiments import record
-from sb3_guide.experiments.analyze import analyze
-from sb3_guide.experiments.clone import clone
-from sb3_guide.experiments.evaluate import evaluate
-from sb3_guide.experiments.expert import train_expert
-from sb3_guide.experiments.record import record_demonstrations
-from sb3_guide.experiments.runs import read_table
+from sb3_guide.experiments.stages import record
+from sb3_guide.experiments.stages.analyze import analyze
+from sb3_guide.experiments.stages.clone import clone
+from sb3_guide.experiments.stages.evaluate import evaluate
+from sb3_guide.experiments.stages.expert import train_expert
+from sb3_guide.experiments.stages.record import record_demonstrations
+from sb3_guide.experiments.stages.runs import read_table
 from sb3_guide.policies import (
     GuidePolicy,
     LearnerPolicy,

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from sb3_guide.experiments.display import Display, last_lines
+from sb3_guide.experiments.workflow.display import Display, last_lines
 
 
 def test_stages_are_told_as_they_start_finish_and_fail(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import linregress
 
-from sb3_guide.experiments.statistics import wilson_interval
+from sb3_guide.experiments.stages.statistics import wilson_interval
 from sb3_guide.policies.folder import read_json
 
 SPEECH = {name: name for name in ("cic", "uniform_cic", "message_entropy")}

@@ -11,7 +11,7 @@ from tqdm import tqdm
 from sb3_guide.cloning import Demonstrations, mission_seeds, play, save_demonstrations
 from sb3_guide.cloning.episodes import Episodes, concatenate
 from sb3_guide.envs import level_of
-from sb3_guide.experiments.runs import record, use_threads
+from sb3_guide.experiments.stages.runs import record, use_threads
 from sb3_guide.policies import AgentPolicy, load_agent
 from sb3_guide.policies.agents import LearnerAgent
 from sb3_guide.policies.folder import read_agent, write_json

@@ -7,8 +7,8 @@ from tqdm import tqdm
 
 from sb3_guide.cloning import mission_seeds, play
 from sb3_guide.envs import level_of
-from sb3_guide.experiments.runs import record, use_threads
-from sb3_guide.experiments.statistics import wilson_interval
+from sb3_guide.experiments.stages.runs import record, use_threads
+from sb3_guide.experiments.stages.statistics import wilson_interval
 from sb3_guide.policies import load_agent
 from sb3_guide.policies.folder import write_json
 

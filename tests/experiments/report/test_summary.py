@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sb3_guide.experiments.summary import early_lead, over_seeds, summarise, trend
+from sb3_guide.experiments.report.summary import early_lead, over_seeds, summarise, trend
 
 
 @pytest.fixture(scope="module")
