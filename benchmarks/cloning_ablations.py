@@ -19,8 +19,7 @@ from stable_baselines3.common.utils import set_random_seed
 from torch import nn
 from tqdm import tqdm
 
-from sb3_guide.callbacks import EpochMetrics
-from sb3_guide.cloning import load_demonstrations, mission_seeds
+from sb3_guide.cloning import Validation, load_demonstrations, mission_seeds
 from sb3_guide.cloning.bc import episode_bc
 from sb3_guide.envs import ACTIONS, observation_space
 from sb3_guide.experiments.stages.configs import load_config
@@ -70,12 +69,12 @@ def success_rates(
     settings = {name: config[name] for name in ("batch_size", "learning_rate", "ent_weight")}
     silent = HierarchicalLogger(Logger(folder=None, output_formats=[]))
     algorithm, loader = episode_bc(policy, train, seed=seed, logger=silent, **settings)
-    metrics, rates = EpochMetrics(policy, mission_seeds("validation", 200), validation), []
+    metrics, rates = Validation(policy, mission_seeds("validation", 200), [validation]), []
 
     def count() -> None:
         loader.epoch += 1
         if loader.epoch in EPOCHS:
-            rates.append(metrics.play()["success_rate"])
+            rates.append(metrics.play(train.level)["success_rate"])
             policy.set_training_mode(True)
 
     algorithm.train(n_epochs=max(EPOCHS), on_epoch_end=count, progress_bar=False)

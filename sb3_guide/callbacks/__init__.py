@@ -1,16 +1,13 @@
-"""Callbacks for SB3's algorithms and for imitation's hooks."""
+"""Callbacks for SB3's algorithms; imitation's hooks take :class:`sb3_guide.cloning.Validation`."""
 
 from sb3_guide.callbacks.checkpoint import TrainingCheckpoint, restore_training
-from sb3_guide.callbacks.cloning import EpochMetrics
-from sb3_guide.callbacks.communication import CICCallback, measure_communication
+from sb3_guide.callbacks.communication import CICCallback
 from sb3_guide.callbacks.success import StopTrainingOnSuccessRate, SuccessRateCallback
 
 __all__ = [
     "CICCallback",
-    "EpochMetrics",
     "StopTrainingOnSuccessRate",
     "SuccessRateCallback",
     "TrainingCheckpoint",
-    "measure_communication",
     "restore_training",
 ]

@@ -6,30 +6,9 @@ from stable_baselines3.common.buffers import DictRolloutBuffer
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
-from sb3_guide.metrics import cic, message_entropy, uniform_cic
+from sb3_guide.cloning.validation import measure_communication
 from sb3_guide.policies import AgentPolicy
 from sb3_guide.policies.memory import State
-
-FRAMES_AT_ONCE = 4096  # bounds the memory that enumerating all messages takes
-
-
-def measure_communication(policy: AgentPolicy, memory: th.Tensor) -> dict[str, float]:
-    """
-    The three numbers that belong together, averaged over frames.
-
-    :param policy: with a channel
-    :param memory: (K, state_size) of its network at K frames
-    :return: "cic", "uniform_cic" and "message_entropy", in nats
-    :raises ValueError: if the policy has no channel
-    """
-    totals = {"cic": 0.0, "uniform_cic": 0.0, "message_entropy": 0.0}
-    with th.no_grad():
-        for part in memory.split(FRAMES_AT_ONCE):
-            messages, actions = policy.channel.message_log_probs(part), policy.listen(part)
-            totals["cic"] += cic(messages, actions).sum().item()
-            totals["uniform_cic"] += uniform_cic(actions).sum().item()
-            totals["message_entropy"] += message_entropy(messages).sum().item()
-    return {name: total / len(memory) for name, total in totals.items()}
 
 
 class CICCallback(BaseCallback):

@@ -13,6 +13,7 @@ from imitation.util import logger as imitation_logger
 from sb3_guide.cloning.demonstrations import Demonstrations, check_space
 from sb3_guide.cloning.episodes import Episodes
 from sb3_guide.policies import AgentPolicy
+from sb3_guide.policies.memory import scene_of
 from sb3_guide.policies.sequences import Sequences
 
 
@@ -34,6 +35,10 @@ class EpisodeLoader:
         self.batch_size = batch_size
         self.seed = seed
         self.epoch = 0  # the one that is read next; whoever trains counts it up
+
+    def __len__(self) -> int:
+        """:return: batches in an epoch"""
+        return len(self.episodes) // self.batch_size
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         order = np.random.default_rng([self.seed, self.epoch]).permutation(len(self.episodes))
@@ -71,7 +76,8 @@ class EpisodeLoss:
         """
         valid = th.arange(acts.shape[1], device=acts.device) < obs["length"].unsqueeze(1)
         memory = policy.network.remember(Sequences(obs["image"][valid], obs["mission"], obs["length"]))
-        distribution = policy.action_distribution(policy.network.latent(memory, self.generator))
+        scene = scene_of(memory, obs["length"])
+        distribution = policy.action_distribution(policy.network.latent(memory, scene, self.generator))
         log_prob, entropy = distribution.log_prob(acts[valid]), distribution.entropy()
         assert entropy is not None  # of a categorical distribution
         neglogp, mean_entropy = -log_prob.mean(), entropy.mean()

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from gymnasium import spaces
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
-from sb3_guide.cloning.episodes import Episodes
+from sb3_guide.cloning.episodes import Episodes, concatenate
 
 FORMAT = "sb3-guide demonstrations 1"
 
@@ -38,6 +39,28 @@ class Demonstrations:
             raise ValueError(
                 f"{len(self.episodes)} episodes, {failed} of them failed: expected at least one, and successful ones only"
             )
+
+    def first(self, n_episodes: int) -> "Demonstrations":
+        """
+        :param n_episodes: how many to keep
+        :raises ValueError: if there are not so many
+        """
+        if not 1 <= n_episodes <= len(self.episodes):
+            raise ValueError(f"train_episodes={n_episodes}: expected 1 to {len(self.episodes)}, the number of demonstrations")
+        return Demonstrations(self.episodes.select(np.arange(n_episodes)), self.level, self.provenance)
+
+
+def pool(parts: Sequence[Demonstrations]) -> Demonstrations:
+    """
+    :param parts: of one or several levels
+    :return: all of them together
+    :raises ValueError: if their missions are of different vocabularies
+    """
+    if len({part.episodes.missions.shape[1:] for part in parts}) > 1:
+        shapes = {part.level: part.episodes.missions.shape[1:] for part in parts}
+        raise ValueError(f"demonstrations of different vocabularies can't be pooled: their missions have shapes {shapes}")
+    provenance = {part.level: part.provenance for part in parts}
+    return Demonstrations(concatenate([part.episodes for part in parts]), "+".join(provenance), provenance)
 
 
 def checksum(episodes: Episodes) -> str:

@@ -9,6 +9,8 @@ import torch as th
 from stable_baselines3.common.policies import BasePolicy
 
 from sb3_guide.envs import GuideGridVecEnv, level_of
+from sb3_guide.policies import AgentPolicy
+from sb3_guide.policies.networks import GuideNetwork
 from sb3_guide.policies.sequences import Sequences, history_of
 
 WORLDS = 1024  # episodes that are played side by side
@@ -136,6 +138,8 @@ def play(
     """
     if not len(seeds):
         raise ValueError("0 episodes were asked for: expected at least 1")
+    if isinstance(policy, AgentPolicy) and isinstance(policy.network, GuideNetwork):
+        policy.network.chance.manual_seed(0)  # what interventions draw is the same each time
     chunks = [np.asarray(seeds[start : start + WORLDS], dtype=np.int64) for start in range(0, len(seeds), WORLDS)]
     return concatenate([play_together(policy, level, chunk, on_progress, deterministic) for chunk in chunks])
 

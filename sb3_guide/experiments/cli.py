@@ -19,6 +19,7 @@ Level = Annotated[str, typer.Option(help="Name of the level, such as GoToObj.")]
 Seed = Annotated[int, typer.Option(min=0, help="Of everything that is random in this stage.")]
 Threads = Annotated[int, typer.Option(min=1, help="Of torch. Results depend on their number.")]
 Resume = Annotated[bool, typer.Option("--resume", help="Continue a run that was killed; do nothing if it has finished.")]
+Renew = Annotated[bool, typer.Option("--renew", help="As --resume, but delete a run of other settings and begin anew.")]
 Config = Annotated[Path | None, typer.Option(help="YAML file in rl-zoo's format instead of the packaged zoo_configs/.")]
 Agent = Annotated[Path, typer.Argument(help="Folder of the agent.")]
 
@@ -47,6 +48,17 @@ class Kind(str, Enum):
     guided = "guided"
 
 
+class Hears(str, Enum):
+    """Interventions by name."""
+
+    spoken = "spoken"
+    silent = "silent"
+    uniform = "uniform"
+    shuffled = "shuffled"
+    delayed = "delayed"
+    swapped = "swapped"
+
+
 @app.command()
 def expert(
     level: Level,
@@ -54,6 +66,7 @@ def expert(
     seed: Seed = 0,
     threads: Threads = 1,
     resume: Resume = False,
+    renew: Renew = False,
     config: Config = None,
     init: Annotated[Path | None, typer.Option(help="Folder of an agent whose weights to start from.")] = None,
     algo: Annotated[Algo, typer.Option(help="SB3's PPO or A2C, or sb3-contrib's RecurrentPPO (ppo_lstm).")] = Algo.ppo,
@@ -61,7 +74,7 @@ def expert(
     """Stage 1: train an expert with PPO, or with another of SB3's algorithms."""
     from sb3_guide.experiments.stages.expert import train_expert
 
-    train_expert(level, out, seed, threads, resume, config, init, algo.value)
+    train_expert(level, out, seed, threads, resume, config, init, algo.value, renew)
 
 
 @app.command()
@@ -84,20 +97,33 @@ def record(
 @app.command()
 def clone(
     agent: Annotated[Kind, typer.Option(help="Stage 2: learner or guide. Stage 3: guided.")],
-    level: Level,
-    demos: Annotated[Path, typer.Option(help="Folder with train.safetensors and validation.safetensors.")],
+    level: Annotated[str, typer.Option(help="Name of the level, or several joined by +, whose demonstrations are pooled.")],
+    demos: Annotated[list[Path], typer.Option(help="Folder with train.safetensors and validation.safetensors, a level.")],
     out: Annotated[Path, typer.Option(help="Folder for the agent.")],
-    guide: Annotated[Path | None, typer.Option(help="Folder of the pretrained Guide that a guided Learner hears.")] = None,
+    guide: Annotated[str | None, typer.Option(help="Folder of the Guide that is heard, or 'untrained' for a new one.")] = None,
     freeze_guide: Annotated[bool, typer.Option("--freeze-guide", help="Keep that Guide as it is.")] = False,
+    hears: Annotated[Hears, typer.Option(help="What happens to that Guide's messages before they are heard.")] = Hears.spoken,
+    init: Annotated[Path | None, typer.Option(help="Folder of a Learner, or of a Guide for its trunk, to start from.")] = None,
+    params: Annotated[list[str] | None, typer.Option(help="Hyper-parameter to override, such as n_epochs:5.")] = None,
     seed: Seed = 0,
     threads: Threads = 1,
     resume: Resume = False,
+    renew: Renew = False,
     config: Config = None,
 ) -> None:
     """Stages 2 and 3: clone demonstrations into a Learner, a Guide or a Learner that hears a Guide."""
     from sb3_guide.experiments.stages.clone import clone as clone_agent
 
-    clone_agent(agent.value, level, demos, out, seed, threads, resume, guide, freeze_guide, config)
+    clone_agent(
+        *(agent.value, level, demos, out, seed, threads, resume),
+        renew=renew,
+        guide=guide,
+        freeze_guide=freeze_guide,
+        hears=hears.value,
+        init=init,
+        params=params or (),
+        config_file=config,
+    )
 
 
 @app.command()
@@ -130,15 +156,17 @@ def analyze(
 
 @app.command()
 def reproduce(
-    levels: Annotated[list[str], typer.Argument(help="Levels, such as GoToObj GoToLocal.")],
-    out: Annotated[Path, typer.Option(help="Folder for everything that is made.")] = Path("runs/reproduce"),
-    seeds: Annotated[int, typer.Option(help="How often stages 2 and 3 are repeated.")] = 3,
+    levels: Annotated[list[str] | None, typer.Argument(help="Levels of the study, such as GoToObj; all if left out.")] = None,
+    study: Annotated[str, typer.Option(help="stages, intra, curriculum, multilevel, lowdata, or one of your own.")] = "stages",
+    out: Annotated[Path, typer.Option(help="Folder for all that is made. Studies may share one.")] = Path("runs/reproduce"),
+    seeds: Annotated[int | None, typer.Option(help="Repetitions of stages 2 and 3, if not the study's own number.")] = None,
     cores: Annotated[int, typer.Option(help="Cores to use. Results don't depend on their number.")] = 2,
+    conditions: Annotated[Path | None, typer.Option(help="YAML with conditions and studies of your own.")] = None,
 ) -> None:
-    """Run all stages of the paper and write summary.json and report.html. Call it again to continue after a kill."""
-    from sb3_guide.experiments.reproduce import reproduce as reproduce_levels
+    """Run a study of the paper and report it. Call it again to continue after a kill; what is finished is kept."""
+    from sb3_guide.experiments.reproduce import reproduce as reproduce_study
 
-    reproduce_levels(levels, seeds, cores, out)
+    reproduce_study(study, levels or [], seeds, cores, out, conditions)
 
 
 def main() -> None:

@@ -9,6 +9,7 @@ from gymnasium import spaces
 from stable_baselines3.common.type_aliases import Schedule
 
 from sb3_guide.policies.base import AgentPolicy
+from sb3_guide.policies.interventions import intervention_of
 from sb3_guide.policies.networks import Guide, GuidedLearner, Learner
 from sb3_guide.policies.pretrained import PretrainedGuide
 
@@ -35,14 +36,45 @@ class LearnerAgent(AgentPolicy):
         super().__init__(observation_space, action_space, lr_schedule, network_kwargs=own, agent_kwargs=own, **kwargs)
 
 
-class GuideAgent(AgentPolicy):
+class SpeakingAgent(AgentPolicy):
+    """What the two agents with a channel share: a pretrained Guide may speak in them."""
+
+    def _adopt(self, guide: PretrainedGuide, freeze: bool) -> None:
+        """
+        :param guide: whose weights are copied, unless they come from elsewhere
+        :param freeze: keep them as they are
+        """
+        if guide.weights is not None:
+            self.channel.speaker.load_state_dict(guide.weights)
+        self.channel.speaker.requires_grad_(not freeze)
+
+    @classmethod
+    def _guide(cls, guide: PretrainedGuide | Mapping[str, Any] | str | Path | None) -> PretrainedGuide:
+        """
+        :return: the Guide, whatever it was named by
+        :raises ValueError: if there is no Guide, or one of the other memory mode
+        """
+        pretrained = PretrainedGuide.of(guide)
+        if pretrained.carries_memory != cls.carries_memory:
+            raise ValueError(
+                f"{cls.__name__} can't hear a {pretrained.description.policy}: one carries its memory through the episode, "
+                "the other remembers a window; expected a Guide of the same kind (both Recurrent or neither)"
+            )
+        return pretrained
+
+
+class GuideAgent(SpeakingAgent):
     """
-    An agent that acts through messages of its own.
+    An agent that acts through messages of its own; or, given a pretrained Guide, one that reads that Guide's messages and
+    nothing else.
 
     :param size: "compact" or "paper" (Table A.2)
     :param message_length: symbols in a message
     :param vocabulary_size: different symbols
+    :param guide: an agent's folder, a :class:`PretrainedGuide` or its description: who speaks; None makes a new Guide
+    :param freeze_guide: keep that Guide as it is; it is trained along otherwise
     :param ortho_init: SB3's orthogonal initialisation, which would undo the channel's own
+    :raises ValueError: if the Guide is of another memory mode, size or message shape
     """
 
     network_class = Guide
@@ -56,24 +88,36 @@ class GuideAgent(AgentPolicy):
         size: str = "compact",
         message_length: int = 2,
         vocabulary_size: int = 3,
+        guide: PretrainedGuide | Mapping[str, Any] | str | Path | None = None,
+        freeze_guide: bool = False,
         ortho_init: bool = False,
         **kwargs: Any,
     ) -> None:
-        own = {"size": size, "message_length": message_length, "vocabulary_size": vocabulary_size}
+        own: dict[str, Any] = {"size": size, "message_length": message_length, "vocabulary_size": vocabulary_size}
+        pretrained = None if guide is None else self._guide(guide)
+        of_guide = {} if pretrained is None else {"guide": asdict(pretrained.description), "freeze_guide": freeze_guide}
+        if pretrained is not None and (theirs := {name: pretrained.description.kwargs[name] for name in own}) != own:
+            raise ValueError(f"the Guide has {theirs}: expected {own}")
         kwargs = {**kwargs, "ortho_init": ortho_init}
-        super().__init__(observation_space, action_space, lr_schedule, network_kwargs=own, agent_kwargs=own, **kwargs)
+        super().__init__(
+            observation_space, action_space, lr_schedule, network_kwargs=own, agent_kwargs={**own, **of_guide}, **kwargs
+        )
+        if pretrained is not None:
+            self._adopt(pretrained, freeze_guide)
 
 
-class GuidedLearnerAgent(AgentPolicy):
+class GuidedLearnerAgent(SpeakingAgent):
     """
     A new Learner that hears a pretrained Guide. The Guide's trunk, decoder and temperature are copied into the policy and
     belong to it from then on; the message encoder is new.
 
     :param guide: an agent's folder, a :class:`PretrainedGuide` or its description
     :param freeze_guide: keep the Guide as it is; it is trained along otherwise
+    :param hears: name of the intervention that its messages pass through, such as "silent"
+        (:data:`~sb3_guide.policies.interventions.INTERVENTIONS`)
     :param size: of the Learner, "compact" or "paper" (Table A.2)
     :param ortho_init: SB3's orthogonal initialisation
-    :raises ValueError: if there is no Guide, or one of the other memory mode
+    :raises ValueError: if there is no Guide or one of the other memory mode, or no such intervention
     """
 
     network_class = GuidedLearner
@@ -86,17 +130,13 @@ class GuidedLearnerAgent(AgentPolicy):
         *,
         guide: PretrainedGuide | Mapping[str, Any] | str | Path | None = None,
         freeze_guide: bool = False,
+        hears: str = "spoken",
         size: str = "compact",
         ortho_init: bool = False,
         **kwargs: Any,
     ) -> None:
-        guide = PretrainedGuide.of(guide)
-        if guide.carries_memory != self.carries_memory:
-            raise ValueError(
-                f"{type(self).__name__} can't hear a {guide.description.policy}: one carries its memory through the episode, "
-                "the other remembers a window; expected a Guide of the same kind (both Recurrent or neither)"
-            )
-        of_guide = guide.description.kwargs
+        pretrained, intervention = self._guide(guide), intervention_of(hears)
+        of_guide = pretrained.description.kwargs
         super().__init__(
             observation_space,
             action_space,
@@ -107,10 +147,14 @@ class GuidedLearnerAgent(AgentPolicy):
                 "message_length": of_guide["message_length"],
                 "vocabulary_size": of_guide["vocabulary_size"],
             },
-            agent_kwargs={"size": size, "guide": asdict(guide.description), "freeze_guide": freeze_guide},
+            agent_kwargs={
+                "size": size,
+                "guide": asdict(pretrained.description),
+                "freeze_guide": freeze_guide,
+                "hears": hears,
+            },
             ortho_init=ortho_init,
             **kwargs,
         )
-        if guide.weights is not None:
-            self.channel.speaker.load_state_dict(guide.weights)
-        self.channel.speaker.requires_grad_(not freeze_guide)
+        self._adopt(pretrained, freeze_guide)
+        self.channel.intervention = intervention

@@ -1,5 +1,7 @@
 """What all policies share: SB3's heads on one of the agents' networks."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, ClassVar
 
 import torch as th
@@ -10,6 +12,7 @@ from stable_baselines3.common.torch_layers import MlpExtractor
 from stable_baselines3.common.type_aliases import Schedule
 from torch import nn
 
+from sb3_guide.policies.interventions import Intervention
 from sb3_guide.policies.memory import State
 from sb3_guide.policies.networks import AgentNetwork, GuideNetwork, Latent
 from sb3_guide.policies.sequences import Observations
@@ -126,6 +129,22 @@ class AgentPolicy(ActorCriticPolicy):
         if not isinstance(self.network, GuideNetwork):
             raise ValueError(f"{type(self).__name__} sends no messages: expected a GuidePolicy or a GuidedLearnerPolicy")
         return self.network
+
+    @contextmanager
+    def hearing(self, intervention: Intervention, seed: int = 0) -> Iterator[None]:
+        """
+        Let the agent hear its Guide's messages through another intervention for a while.
+
+        :param intervention: what happens to each message
+        :param seed: of what it draws while messages are greedy
+        :raises ValueError: if the agent has no channel
+        """
+        channel, usual, chance = self.channel, self.channel.intervention, self.channel.chance
+        channel.intervention, channel.chance = intervention, th.Generator().manual_seed(seed)
+        try:
+            yield
+        finally:
+            channel.intervention, channel.chance = usual, chance
 
     def message_log_probs(self, obs: Observations, state: State | None = None) -> th.Tensor:
         """

@@ -4,6 +4,8 @@ import torch as th
 from torch import nn
 from torch.nn.functional import embedding
 
+from sb3_guide.policies.interventions import Scene
+
 State = tuple[th.Tensor, th.Tensor]  # h and c of shape (1, B, hidden) each
 
 
@@ -81,3 +83,19 @@ def similar(lengths: th.Tensor) -> list[th.Tensor]:
     """
     power = lengths.log2().ceil()
     return [(power == group).nonzero().squeeze(1) for group in power.unique()]
+
+
+def scene_of(memory: th.Tensor, lengths: th.Tensor, first: th.Tensor | None = None) -> Scene:
+    """
+    :param memory: (K, state_size) at each frame of B sequences, one sequence after the other
+    :param lengths: (B,) frames in each sequence
+    :param first: (B, state_size) memory before each sequence; None where episodes begin
+    :return: where those frames stand in their episodes
+    """
+
+    def before() -> th.Tensor:
+        earlier = memory.roll(1, dims=0)
+        earlier[lengths.cumsum(0) - lengths] = 0.0 if first is None else first
+        return earlier
+
+    return Scene(th.arange(len(lengths), device=lengths.device).repeat_interleave(lengths), before)

@@ -8,6 +8,7 @@ from torch import nn
 
 from sb3_guide.policies.channel import MessageDecoder, MessageEncoder, MessageShape
 from sb3_guide.policies.film import FiLMExtractor
+from sb3_guide.policies.interventions import Intervention, Scene
 from sb3_guide.policies.memory import Memory, State
 from sb3_guide.policies.sequences import Observations, Sequences, windows
 from sb3_guide.policies.sizes import size_of
@@ -58,9 +59,10 @@ class AgentNetwork(nn.Module):
         """
         raise NotImplementedError
 
-    def latent(self, memory: th.Tensor, generator: th.Generator | None = None) -> Latent:
+    def latent(self, memory: th.Tensor, scene: Scene, generator: th.Generator | None = None) -> Latent:
         """
         :param memory: (K, state_size)
+        :param scene: where the K frames stand in their episodes
         :param generator: source of the noise with which messages are sampled; None means greedy messages
         """
         raise NotImplementedError
@@ -71,7 +73,17 @@ class AgentNetwork(nn.Module):
 
         :param observations: of B worlds, see :func:`~sb3_guide.policies.sequences.windows`
         """
-        return self.latent(self.recall(windows(observations)))
+        seen = windows(observations)
+        return self.latent(self.recall(seen), Scene(th.arange(len(seen.lengths)), lambda: self._recall_before(seen)))
+
+    def _recall_before(self, seen: Sequences) -> th.Tensor:
+        """
+        :param seen: B windows
+        :return: (B, state_size) memory at the last but one frame of each; zeros where there is none
+        """
+        memory = self.remember(seen)
+        last = seen.lengths.cumsum(0) - 1
+        return th.where((seen.lengths > 1).unsqueeze(1), memory[last - 1], 0.0)
 
 
 class Learner(AgentNetwork):
@@ -98,7 +110,7 @@ class Learner(AgentNetwork):
     def recall(self, windows: Sequences) -> th.Tensor:
         return self.memory.last(*self.film.encode(windows), windows.lengths)
 
-    def latent(self, memory: th.Tensor, generator: th.Generator | None = None) -> Latent:
+    def latent(self, memory: th.Tensor, scene: Scene, generator: th.Generator | None = None) -> Latent:
         return Latent(memory, memory)
 
 
@@ -127,6 +139,8 @@ class GuideNetwork(AgentNetwork):
     def __init__(self, size: str, speaker: Speaker) -> None:
         super().__init__()
         self.speaker = speaker
+        self.intervention = Intervention()
+        self.chance = th.Generator().manual_seed(0)  # of interventions where messages are greedy
         self.encoder = MessageEncoder(size_of(size).symbol, size_of(size).message, speaker.decoder.shape)
 
     def speaker_memory(self, memory: th.Tensor) -> th.Tensor:
@@ -147,6 +161,11 @@ class GuideNetwork(AgentNetwork):
     def speak(self, memory: th.Tensor, generator: th.Generator | None = None) -> th.Tensor:
         """:return: (K, length, vocabulary_size) one-hot message at each frame"""
         return self.speaker.decoder(self.speaker_memory(memory), generator)
+
+    def hear(self, memory: th.Tensor, scene: Scene, generator: th.Generator | None = None) -> th.Tensor:
+        """:return: (K, message) encoding of what is left of the message after the intervention"""
+        spoken = self.speak(scene.before() if self.intervention.speaks_from_before else memory, generator)
+        return self.encoder(self.intervention(spoken, scene, generator or self.chance))
 
     def message_log_probs(self, memory: th.Tensor) -> th.Tensor:
         """:return: (K, M) log-probability of each message at each frame"""
@@ -193,8 +212,8 @@ class Guide(GuideNetwork):
     def read(self, memory: th.Tensor, encoding: th.Tensor) -> th.Tensor:
         return encoding
 
-    def latent(self, memory: th.Tensor, generator: th.Generator | None = None) -> Latent:
-        return Latent(self.read(memory, self.encoder(self.speak(memory, generator))), memory)
+    def latent(self, memory: th.Tensor, scene: Scene, generator: th.Generator | None = None) -> Latent:
+        return Latent(self.hear(memory, scene, generator), memory)
 
 
 class GuidedLearner(GuideNetwork):
@@ -249,6 +268,6 @@ class GuidedLearner(GuideNetwork):
     def read(self, memory: th.Tensor, encoding: th.Tensor) -> th.Tensor:
         return th.cat([memory[:, : self.parts[0]], encoding], dim=-1)
 
-    def latent(self, memory: th.Tensor, generator: th.Generator | None = None) -> Latent:
-        latent = self.read(memory, self.encoder(self.speak(memory, generator)))
+    def latent(self, memory: th.Tensor, scene: Scene, generator: th.Generator | None = None) -> Latent:
+        latent = self.read(memory, self.hear(memory, scene, generator))
         return Latent(latent, latent)

@@ -9,6 +9,7 @@ import torch as th
 
 from sb3_guide.policies.folder import Description, read_agent
 
+UNTRAINED = {"size": "compact", "message_length": 2, "vocabulary_size": 3}
 GUIDES = ("GuidePolicy", "RecurrentGuidePolicy")
 
 
@@ -54,6 +55,15 @@ class PretrainedGuide:
         if description.policy not in GUIDES:
             raise ValueError(f"{folder} holds a {description.policy}: expected one of {', '.join(GUIDES)}")
         return cls(description, within(weights, "features_extractor.speaker."))
+
+    @classmethod
+    def untrained(cls, **kwargs: Any) -> "PretrainedGuide":
+        """
+        A Guide that was never trained: a control with the same capacity.
+
+        :param kwargs: "message_length", "vocabulary_size" or "size", as :class:`RecurrentGuidePolicy` takes them
+        """
+        return cls(Description("RecurrentGuidePolicy", {**UNTRAINED, **kwargs}, history=0))
 
     @property
     def carries_memory(self) -> bool:

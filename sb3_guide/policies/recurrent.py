@@ -12,7 +12,8 @@ from torch import nn
 
 from sb3_guide.policies.agents import GuideAgent, GuidedLearnerAgent, LearnerAgent
 from sb3_guide.policies.base import AgentPolicy
-from sb3_guide.policies.memory import State
+from sb3_guide.policies.interventions import Scene
+from sb3_guide.policies.memory import State, scene_of
 from sb3_guide.policies.networks import Latent
 from sb3_guide.policies.sequences import Observations, Sequences, frames
 
@@ -56,8 +57,10 @@ class CarriedMemory(AgentPolicy, RecurrentActorCriticPolicy):
         :param episode_starts: (B,) 1 where an episode begins
         :return: latent, and the state after it
         """
-        memory, state = self.network.step(frames(obs), started_anew(state, episode_starts))
-        return self.network.latent(memory), state
+        before = started_anew(state, episode_starts)
+        memory, state = self.network.step(frames(obs), before)
+        scene = Scene(th.arange(len(memory), device=memory.device), lambda: before[0].squeeze(0))
+        return self.network.latent(memory, scene), state
 
     def _carry(self, obs: Observations, state: State, episode_starts: th.Tensor) -> Latent:
         """
@@ -71,10 +74,12 @@ class CarriedMemory(AgentPolicy, RecurrentActorCriticPolicy):
         valid = images.flatten(2).ne(0).any(dim=-1)
         missions = obs["mission"].unflatten(0, (n_seq, -1))[:, 0]
         sequences = Sequences(images[valid], missions, valid.sum(dim=1))
-        remembered = self.network.remember(sequences, started_anew(state, episode_starts.view(n_seq, -1)[:, 0]))
+        before = started_anew(state, episode_starts.view(n_seq, -1)[:, 0])
+        remembered = self.network.remember(sequences, before)
         memory = remembered.new_zeros(valid.numel(), remembered.shape[1])
         memory[valid.flatten()] = remembered
-        return self.network.latent(memory)
+        steps = valid.new_full((n_seq,), valid.shape[1], dtype=th.long)
+        return self.network.latent(memory, scene_of(memory, steps, before[0].squeeze(0)))
 
     def forward(  # type: ignore[override]
         self, obs: Observations, lstm_states: RNNStates, episode_starts: th.Tensor, deterministic: bool = False

@@ -9,8 +9,10 @@ from gymnasium import spaces
 from torch import nn
 
 from sb3_guide.envs import ACTIONS, observation_space
+from sb3_guide.policies.agents import GuideAgent, LearnerAgent
 from sb3_guide.policies.base import AgentPolicy
 from sb3_guide.policies.folder import Description, package_versions, read_agent, write_agent
+from sb3_guide.policies.pretrained import within
 from sb3_guide.policies.recurrent import RecurrentGuidedLearnerPolicy, RecurrentGuidePolicy, RecurrentLearnerPolicy
 from sb3_guide.policies.sequences import history_of
 from sb3_guide.policies.window import GuidedLearnerPolicy, GuidePolicy, LearnerPolicy
@@ -83,6 +85,29 @@ def load_agent(folder: str | Path, kind: type[AgentPolicy] | None = None) -> Age
         raise ValueError(f"{folder} is damaged: its weights and its description don't fit ({error})") from error
     policy.set_training_mode(False)
     return policy
+
+
+def start_from(policy: AgentPolicy, folder: str | Path) -> None:
+    """
+    Copy weights of another agent: all of them of a Learner, and a Guide's trunk, which is a Learner's without heads.
+
+    :param policy: a Learner, to be changed
+    :param folder: of a Learner or a Guide
+    :raises ValueError: if it holds another agent, or one of another size
+    """
+    description, weights = read_agent(folder)
+    source = POLICIES.get(description.policy)
+    if source is None or not issubclass(source, LearnerAgent | GuideAgent):
+        raise ValueError(f"{folder} holds a {description.policy}: expected a Learner or a Guide to start from")
+    try:
+        if issubclass(source, LearnerAgent):
+            load_weights(policy, weights)
+        else:
+            speaker = within(weights, "features_extractor.speaker.")
+            trunk = {name: weight for name, weight in speaker.items() if not name.startswith("decoder.")}
+            policy.network.load_state_dict(trunk)
+    except RuntimeError as error:
+        raise ValueError(f"{folder} holds an agent of another size ({error})") from error
 
 
 def build(policy_class: type[AgentPolicy], description: Description) -> AgentPolicy:

@@ -8,8 +8,9 @@ import torch as th
 from sb3_contrib import RecurrentPPO
 from stable_baselines3 import A2C, PPO
 
-from sb3_guide.callbacks import CICCallback, measure_communication
+from sb3_guide.callbacks import CICCallback
 from sb3_guide.callbacks.communication import carried_state
+from sb3_guide.cloning import measure_communication
 from sb3_guide.envs import GuideGridVecEnv
 from sb3_guide.metrics import cic
 from sb3_guide.policies import GuidePolicy, PretrainedGuide, RecurrentGuidePolicy, save_agent
@@ -70,7 +71,7 @@ def test_carried_memory_is_what_the_policy_had_at_the_frame():
 def test_averages_are_over_frames(monkeypatch):
     policy = make_policy(RecurrentGuidePolicy)
     th.nn.init.normal_(policy.action_net.weight)  # SB3 starts with hardly any influence
-    monkeypatch.setattr("sb3_guide.callbacks.communication.FRAMES_AT_ONCE", 3)
+    monkeypatch.setattr("sb3_guide.cloning.validation.FRAMES_AT_ONCE", 3)
     with th.no_grad():
         memory = policy.memory({"image": random_images(7), "mission": random_missions(7)})
         expected = cic(policy.channel.message_log_probs(memory), policy.listen(memory)).mean().item()

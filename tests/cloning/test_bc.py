@@ -15,6 +15,7 @@ from sb3_guide.policies import (
     RecurrentLearnerPolicy,
     save_agent,
 )
+from sb3_guide.policies.memory import scene_of
 from tests.cloning.helpers import make_demonstrations, make_episodes
 from tests.policies.helpers import make_policy
 
@@ -97,8 +98,9 @@ def test_every_agent_learns_what_to_do_about_what_it_sees(policy_class, tmp_path
     algorithm, _ = episode_bc(policy, demonstrations, seed=0, **{**SETTINGS, "batch_size": 8, "learning_rate": 1e-3})
     algorithm.train(n_epochs=100, progress_bar=False)
     with th.no_grad():
-        memory = policy.network.remember(demonstrations.episodes.sequences())
-        learned = policy.action_distribution(policy.network.latent(memory)).mode()
+        sequences = demonstrations.episodes.sequences()
+        memory = policy.network.remember(sequences)
+        learned = policy.action_distribution(policy.network.latent(memory, scene_of(memory, sequences.lengths))).mode()
     assert (learned.numpy() == actions).mean() > 0.95
 
 

@@ -9,6 +9,7 @@ from stable_baselines3.common.utils import set_random_seed
 from sb3_guide.cloning import mission_seeds, play
 from sb3_guide.envs import GuideGridEnv
 from sb3_guide.policies import LearnerPolicy, RecurrentGuidePolicy
+from sb3_guide.policies.memory import scene_of
 from sb3_guide.policies.sequences import history_of
 from tests.policies.helpers import make_policy
 
@@ -66,7 +67,8 @@ def test_windows_are_what_a_policy_with_window_memory_sees():
     episodes = play(policy, "GoToObj", SEEDS)
     seen = episodes.windows(history_of(policy.observation_space))
     with th.no_grad():
-        latent = policy.network.latent(policy.network.recall(seen))
+        memory = policy.network.recall(seen)
+        latent = policy.network.latent(memory, scene_of(memory, th.ones(len(memory), dtype=th.long)))
         actions = policy.action_distribution(latent).get_actions(deterministic=True).numpy()
     assert np.array_equal(actions, episodes.actions)
     assert seen.lengths[: episodes.lengths[0]].tolist()[:5] == [1, 2, 3, 4, 4][: episodes.lengths[0]]

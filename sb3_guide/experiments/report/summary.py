@@ -1,6 +1,5 @@
 """The numbers of a finished run in one dictionary, which is what summary.json holds."""
 
-import csv
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,11 +8,12 @@ from typing import Any
 import numpy as np
 from scipy.stats import linregress
 
+from sb3_guide.experiments.stages.runs import read_table
 from sb3_guide.experiments.stages.statistics import wilson_interval
 from sb3_guide.policies.folder import read_json
 
 SPEECH = {name: name for name in ("cic", "uniform_cic", "message_entropy")}
-SUCCESS = {"curve": "success_rate", "curve_low": "success_low", "curve_high": "success_high"}
+SUCCESS = {"curve": "success_rate"}
 CURVES = {
     "learner": SUCCESS,
     "guide": {**SUCCESS, **SPEECH},
@@ -65,7 +65,7 @@ def summarise_level(folder: Path, seeds: int) -> dict[str, Any]:
 def summarise_run(folder: Path) -> dict[str, dict[str, Any]]:
     """:return: outcome and curves of each agent of one seed"""
     return {
-        agent: {**outcome(read_json(folder / "evaluation" / f"{agent}.json")), **read_curves(folder / agent, columns)}
+        agent: {**outcome(read_json(folder / agent / "evaluation.json")), **read_curves(folder / agent, columns)}
         for agent, columns in CURVES.items()
     }
 
@@ -79,11 +79,14 @@ def read_curves(folder: Path, columns: dict[str, str]) -> dict[str, list[float]]
     """
     :param folder: of a cloned agent
     :param columns: of its progress.csv by name
-    :return: the values of the columns, one an epoch
+    :return: the values of the columns at the end of each epoch, and the bounds of the success rates' 95 % Wilson intervals
     """
-    with (folder / "progress.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    return {name: [float(row[column]) for row in rows] for name, column in columns.items()}
+    table = read_table(folder / "progress.csv")
+    rows = [row for row in table if float(row["epoch"]) >= 1 and float(row["epoch"]).is_integer()]
+    curves = {name: [float(row[column]) for row in rows] for name, column in columns.items()}
+    missions = read_json(folder / "run.json")["config"]["validation_episodes"]
+    intervals = [wilson_interval(round(rate * missions), missions) for rate in curves["curve"]]
+    return curves | {"curve_low": [low for low, _ in intervals], "curve_high": [high for _, high in intervals]}
 
 
 def over_seeds(agents: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -134,6 +137,5 @@ def stage_seconds(folder: Path, seeds: int) -> dict[str, float]:
     files["expert"] = "expert/run"
     for run in (f"seed{seed}" for seed in range(seeds)):
         files |= {f"{run}/{agent}": f"{run}/{agent}/run" for agent in CURVES}
-        files |= {f"{run}/evaluation/{agent}": f"{run}/evaluation/{agent}" for agent in CURVES}
         files |= {f"{run}/analysis/{agent}": f"{run}/analysis/{agent}/analysis" for agent in ("guide", "guided")}
     return {name: read_json(folder / f"{file}.json")["seconds"] for name, file in files.items()}

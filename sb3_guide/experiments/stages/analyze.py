@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import torch as th
 
-from sb3_guide.callbacks import measure_communication
-from sb3_guide.cloning import Episodes, load_demonstrations, mission_seeds, play
+from sb3_guide.cloning import Episodes, load_demonstrations, measure_communication, mission_seeds, play
 from sb3_guide.envs import ACTIONS, GuideGridEnv, level_of
 from sb3_guide.experiments.stages.animation import Caption, write_animation
 from sb3_guide.experiments.stages.runs import record, use_threads

@@ -1,142 +1,228 @@
-"""Stages 2 and 3: Learner, Guide and guided Learner by imitation's BC (paper section 3.3)."""
+"""Stages 2 and 3: Learner, Guide and guided Learner by imitation's BC (paper section 3.3), and the controls."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import torch as th
+import yaml
 from gymnasium import spaces
 from imitation.util.logger import HierarchicalLogger
 from stable_baselines3.common.logger import Logger
-from stable_baselines3.common.utils import set_random_seed
+from stable_baselines3.common.utils import get_schedule_fn, set_random_seed, update_learning_rate
 from tqdm import tqdm
 
-from sb3_guide.callbacks import EpochMetrics
 from sb3_guide.callbacks.checkpoint import load_state, save_state
-from sb3_guide.cloning import Demonstrations, load_demonstrations, mission_seeds
+from sb3_guide.cloning import Demonstrations, Validation, load_demonstrations, mission_seeds
 from sb3_guide.cloning.bc import EpisodeLoss, episode_bc
-from sb3_guide.envs import ACTIONS, level_of, observation_space
-from sb3_guide.experiments.stages.configs import load_config
-from sb3_guide.experiments.stages.runs import Run, stage, use_threads, write_table
-from sb3_guide.experiments.stages.statistics import wilson_interval
+from sb3_guide.cloning.demonstrations import pool
+from sb3_guide.envs import ACTIONS, observation_space
+from sb3_guide.experiments.stages.configs import algorithm_arguments, load_config
+from sb3_guide.experiments.stages.evaluate import evaluate
+from sb3_guide.experiments.stages.levels import join_levels, split_levels
+from sb3_guide.experiments.stages.runs import Run, digest, stage, use_threads, write_table
 from sb3_guide.policies import AgentPolicy, PretrainedGuide, save_agent
+from sb3_guide.policies.folder import NETWORK
 from sb3_guide.policies.recurrent import RecurrentGuidedLearnerPolicy, RecurrentGuidePolicy, RecurrentLearnerPolicy
+from sb3_guide.policies.saving import start_from
 
 AGENTS: dict[str, type[AgentPolicy]] = {
     "learner": RecurrentLearnerPolicy,
     "guide": RecurrentGuidePolicy,
     "guided": RecurrentGuidedLearnerPolicy,
 }
+UNTRAINED = "untrained"  # instead of a Guide's folder
 
 
 def clone(
     agent: str,
     level: str,
-    demos: Path,
+    demos: Sequence[Path],
     out: Path,
     seed: int,
     threads: int,
     resume: bool,
-    guide: Path | None = None,
+    *,
+    renew: bool = False,
+    guide: str | None = None,
     freeze_guide: bool = False,
+    hears: str = "spoken",
+    init: Path | None = None,
+    params: Sequence[str] = (),
     config_file: Path | None = None,
 ) -> None:
     """
+    Clone an agent, validate it while it learns, and measure the finished one on fresh missions (evaluation.json).
+
     :param agent: "learner", "guide" or "guided"
-    :param level: name of the level
-    :param demos: folder with train.safetensors and validation.safetensors
+    :param level: name of the level, or several joined by "+", whose demonstrations are pooled
+    :param demos: for each level a folder with train.safetensors and validation.safetensors
     :param out: folder of the agent
     :param seed: of weights, order and messages
     :param threads: of torch
     :param resume: go on from the last finished epoch of a killed run
-    :param guide: folder of the pretrained Guide that a guided Learner hears
+    :param renew: the same; and delete a run of other settings, demonstrations, Guide or start
+    :param guide: folder of the pretrained Guide that a guided Learner hears or a Guide reads, or "untrained"
     :param freeze_guide: keep that Guide as it is
+    :param hears: name of the intervention that a guided Learner hears the messages through
+    :param init: folder of a Learner to start from, or of a Guide whose trunk to start from
+    :param params: hyper-parameters to override, such as "n_epochs:5", as rl-zoo takes them
     :param config_file: YAML in rl-zoo's format; None takes zoo_configs/bc.yml
     :raises ValueError: if an argument is out of range, or the folder holds another run
     """
-    level, policy_kwargs = level_of(level).name, guide_kwargs(agent, guide, freeze_guide)
-    config = load_config("bc", level, config_file)
-    origin = {"guide": None if guide is None else str(guide), "freeze_guide": freeze_guide}
+    names = split_levels(level)
+    policy_kwargs = guide_kwargs(agent, guide, freeze_guide, hears)
+    if init is not None and agent != "learner":
+        raise ValueError(f"a {agent} starts from nothing: leave out --init, or choose --agent learner")
+    config = override(shared_config(names, config_file), params)
     settings = {
         "agent": agent,
-        "level": level,
+        "level": join_levels(names),
         "seed": seed,
         "threads": threads,
-        "demos": str(demos),
-        **origin,
+        "demos": [str(folder) for folder in demos],
+        "guide": guide,
+        "freeze_guide": freeze_guide,
+        "hears": hears,
+        "init": None if init is None else str(init),
         "config": config,
+        "made_from": made_from([folder / "train.safetensors" for folder in demos], guide, init),
     }
-    with stage("clone", settings, out, resume) as run:
+    with stage("clone", settings, out, resume, renew) as run:
         if run.finished:
             return
         use_threads(threads)
         set_random_seed(seed)
+        train, validation = (demonstrations_of(names, demos, split) for split in ("train", "validation"))
         policy = AGENTS[agent](
             observation_space(history=0),
             spaces.Discrete(len(ACTIONS)),
-            lambda _: config["learning_rate"],
+            get_schedule_fn(algorithm_arguments(config)["learning_rate"]),
             **policy_kwargs,
             **config.get("policy_kwargs", {}),
         )
-        Cloning(policy, level, demos, out, seed, config, run).train()
-        save_agent(policy, out, level)
+        if init is not None:
+            start_from(policy, init)
+        Cloning(policy, [part.first(config["train_episodes"]) for part in train], validation, out, seed, config, run).train()
+        save_agent(policy, out, join_levels(names))
+        evaluate(out, join_levels(names), config["analysis_episodes"], out / "evaluation.json", threads)
 
 
-def guide_kwargs(agent: str, guide: Path | None, freeze_guide: bool) -> dict[str, Any]:
+def guide_kwargs(agent: str, guide: str | None, freeze_guide: bool, hears: str) -> dict[str, Any]:
     """
     :return: what the policy of this agent is to know of a Guide
     :raises ValueError: if there is no such agent, or a Guide is missing or too many
     """
     if agent not in AGENTS:
         raise ValueError(f"agent={agent!r} is unknown: expected one of {', '.join(AGENTS)}")
-    if agent != "guided":
-        if guide is not None or freeze_guide:
-            raise ValueError(f"a {agent} hears no Guide: leave out --guide and --freeze-guide, or choose --agent guided")
-        return {}
+    if agent != "guided" and hears != "spoken":
+        raise ValueError(f"a {agent} hears no Guide: leave out --hears, or choose --agent guided")
     if guide is None:
-        raise ValueError("a guided Learner needs a pretrained Guide: pass its folder with --guide")
-    return {"guide": PretrainedGuide.from_folder(guide), "freeze_guide": freeze_guide}
+        if agent == "guided":
+            raise ValueError("a guided Learner needs a pretrained Guide: pass its folder with --guide, or 'untrained'")
+        if freeze_guide:
+            raise ValueError("there is no Guide to freeze: pass its folder with --guide, or leave out --freeze-guide")
+        return {}
+    if agent == "learner":
+        raise ValueError("a learner hears no Guide: leave out --guide, or choose --agent guided")
+    pretrained = PretrainedGuide.untrained() if guide == UNTRAINED else PretrainedGuide.from_folder(guide)
+    return {"guide": pretrained, "freeze_guide": freeze_guide} | ({"hears": hears} if agent == "guided" else {})
 
 
-def of_level(path: Path, level: str) -> Demonstrations:
+def made_from(files: Sequence[Path], guide: str | None, init: Path | None) -> dict[str, str]:
     """
-    :return: demonstrations of this level
-    :raises ValueError: if they are of another one, or damaged
+    :param files: demonstrations
+    :param guide: folder of the Guide that is heard, or "untrained"
+    :param init: folder of the agent to start from
+    :return: digest of each file that the result depends on; of those that are missing the stage complains itself
     """
-    demonstrations = load_demonstrations(path)
-    if demonstrations.level != level:
-        raise ValueError(f"{path} holds demonstrations of {demonstrations.level}: expected {level}, as --level says")
-    return demonstrations
+    agents = [Path(folder) / NETWORK for folder in (guide, init) if folder not in (None, UNTRAINED)]
+    return {str(path): digest(path) for path in (*files, *agents) if path.is_file()}
+
+
+def shared_config(levels: Sequence[str], file: Path | None) -> dict[str, Any]:
+    """
+    :param levels: names
+    :param file: see :func:`~sb3_guide.experiments.stages.configs.load_config`
+    :return: the entry of the levels in bc.yml
+    :raises ValueError: if pooled levels have different entries
+    """
+    configs = [load_config("bc", level, file) for level in levels]
+    if any(config != configs[0] for config in configs):
+        raise ValueError(
+            f"{join_levels(levels)} are to be pooled but differ in their hyper-parameters: give them the same ones"
+        )
+    return configs[0]
+
+
+def override(config: dict[str, Any], params: Sequence[str]) -> dict[str, Any]:
+    """
+    :param config: the level's entry of bc.yml
+    :param params: such as "n_epochs:5"
+    :return: the entry with those values instead
+    :raises ValueError: if there is no such hyper-parameter
+    """
+    changes = dict(param.partition(":")[::2] for param in params)
+    if unknown := changes.keys() - config.keys():
+        raise ValueError(f"--params {', '.join(sorted(unknown))} are unknown: expected NAME:VALUE of {', '.join(config)}")
+    return {**config, **{name: yaml.safe_load(value) for name, value in changes.items()}}
+
+
+def demonstrations_of(levels: Sequence[str], folders: Sequence[Path], split: str) -> list[Demonstrations]:
+    """
+    :return: demonstrations of each level
+    :raises ValueError: if there is not a folder for each level, or one holds another level's, or is damaged
+    """
+    if len(folders) != len(levels):
+        raise ValueError(f"{len(folders)} folders of demonstrations for {len(levels)} levels: expected one for each, in order")
+    parts = []
+    for level, folder in zip(levels, folders, strict=True):
+        path = folder / f"{split}.safetensors"
+        parts.append(load_demonstrations(path))
+        if parts[-1].level != level:
+            raise ValueError(f"{path} holds demonstrations of {parts[-1].level}: expected {level}, as --level says")
+    return parts
 
 
 class Cloning:
     """
-    Epoch by epoch, with a row of progress.csv and a checkpoint after each.
+    Update by update, with a row of progress.csv at every validation and a checkpoint after each epoch.
 
     :param policy: to be trained in place
-    :param level: name of the level
-    :param demos: folder of the demonstrations
+    :param train: demonstrations of each level
+    :param validation: of each level, for loss and CIC
     :param out: folder of the agent
     :param seed: of order and messages
-    :param config: the level's entry of bc.yml
+    :param config: the levels' entry of bc.yml
     :param run: this stage's
     """
 
     def __init__(
-        self, policy: AgentPolicy, level: str, demos: Path, out: Path, seed: int, config: dict[str, Any], run: Run
+        self,
+        policy: AgentPolicy,
+        train: Sequence[Demonstrations],
+        validation: Sequence[Demonstrations],
+        out: Path,
+        seed: int,
+        config: dict[str, Any],
+        run: Run,
     ) -> None:
-        train, validation = (of_level(demos / f"{split}.safetensors", level) for split in ("train", "validation"))
+        self.schedule = get_schedule_fn(algorithm_arguments(config)["learning_rate"])
         self.algorithm, self.loader = episode_bc(
             policy,
-            train,
+            pool(train),
             batch_size=config["batch_size"],
-            learning_rate=config["learning_rate"],
+            learning_rate=self.schedule(1),
             ent_weight=config["ent_weight"],
             seed=seed,
             logger=HierarchicalLogger(Logger(folder=None, output_formats=[])),
         )
         seeds = mission_seeds("validation", config["validation_episodes"])
-        self.metrics = EpochMetrics(policy, seeds, validation, on_epoch=self.keep)
+        self.validation = Validation(policy, seeds, validation, on_row=self.complete)
         self.policy, self.out, self.run, self.n_epochs = policy, out, run, config["n_epochs"]
+        self.updates = 0  # so far
+        epochs = {*config["validate_at"], *range(0, self.n_epochs, config["validate_every"])[1:], self.n_epochs}
+        self.validate_at = {round(epoch * len(self.loader)) for epoch in epochs}  # updates
         self.checkpoint = out / "checkpoint" / "cloning.pt"
         self.progress = tqdm(total=self.n_epochs, desc=f"clone {type(policy).__name__}", unit="epoch")
 
@@ -151,41 +237,56 @@ class Cloning:
         """Do the epochs that are left."""
         if self.checkpoint.exists():
             self.restore(load_state(self.checkpoint))
+        elif 0 in self.validate_at:
+            self.validation()
         left = self.n_epochs - self.loader.epoch
         with self.progress:
             if left:
-                self.algorithm.train(n_epochs=left, on_epoch_end=self.metrics, progress_bar=False)
+                self.algorithm.train(
+                    n_epochs=left, on_batch_end=self.after_update, on_epoch_end=self.after_epoch, progress_bar=False
+                )
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """
-        :param state: as :meth:`keep` saved it
-        """
-        self.policy.load_state_dict(state["policy"])
-        self.algorithm.optimizer.load_state_dict(state["optimizer"])
-        self.generator.set_state(state["generator"])
-        self.metrics.history = state["rows"]
-        self.loader.epoch = len(self.metrics.history)
-        self.run.seconds_before = state["seconds"]
-        write_table(self.out / "progress.csv", self.metrics.history)
-        self.progress.update(self.loader.epoch)
+    def after_update(self) -> None:
+        """Step the learning rate, and validate where it is due."""
+        self.updates += 1
+        update_learning_rate(self.algorithm.optimizer, self.schedule(1 - self.updates / (self.n_epochs * len(self.loader))))
+        if self.updates in self.validate_at:
+            self.validation()
 
-    def keep(self, row: dict[str, float]) -> None:
+    def complete(self, row: dict[str, float]) -> None:
         """
-        :param row: of the epoch that has ended, which is completed here
+        :param row: of a validation, which is completed here
         """
-        self.loader.epoch += 1
-        missions, demonstrated = len(self.metrics.seeds), len(self.loader.episodes.actions)
-        row["success_low"], row["success_high"] = wilson_interval(round(row["success_rate"] * missions), missions)
-        row["frames"] = self.loader.epoch * demonstrated
+        row["epoch"] = round(self.updates / len(self.loader), 4)
+        row["episodes"] = self.updates * self.loader.batch_size
         row["seconds"] = round(self.run.seconds, 2)
-        write_table(self.out / "progress.csv", self.metrics.history)
+        write_table(self.out / "progress.csv", self.validation.history)
+        self.progress.set_postfix(success=f"{row['success_rate']:.3f}", loss=f"{row['loss']:.3f}")
+
+    def after_epoch(self) -> None:
+        """Keep what the next epoch depends on."""
+        self.loader.epoch += 1
         state = {
             "policy": self.policy.state_dict(),
             "optimizer": self.algorithm.optimizer.state_dict(),
             "generator": self.generator.get_state(),
-            "rows": self.metrics.history,
+            "rows": self.validation.history,
+            "epoch": self.loader.epoch,
             "seconds": self.run.seconds,
         }
         save_state(self.checkpoint, state)
-        self.progress.set_postfix(success=f"{row['success_rate']:.3f}", loss=f"{row['loss']:.3f}")
         self.progress.update()
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """
+        :param state: as :meth:`after_epoch` saved it
+        """
+        self.policy.load_state_dict(state["policy"])
+        self.algorithm.optimizer.load_state_dict(state["optimizer"])
+        self.generator.set_state(state["generator"])
+        self.validation.history = state["rows"]
+        self.loader.epoch = state["epoch"]
+        self.updates = self.loader.epoch * len(self.loader)
+        self.run.seconds_before = state["seconds"]
+        write_table(self.out / "progress.csv", self.validation.history)
+        self.progress.update(self.loader.epoch)

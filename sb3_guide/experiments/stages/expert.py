@@ -42,6 +42,7 @@ def train_expert(
     config_file: Path | None = None,
     init: Path | None = None,
     algo: str = "ppo",
+    renew: bool = False,
 ) -> None:
     """
     :param level: name of the level
@@ -53,6 +54,7 @@ def train_expert(
     :param init: folder of an agent of the same kind whose weights to start from, whichever way its memory was fed;
         None starts from fresh ones
     :param algo: "ppo", "ppo_lstm" (sb3-contrib's RecurrentPPO) or "a2c"
+    :param renew: as resume; and delete a run of other settings
     :raises ValueError: if an argument is out of range or the folder holds another run
     """
     level = level_of(level).name
@@ -61,7 +63,7 @@ def train_expert(
     config = load_config(algo, level, config_file)
     origin = None if init is None else str(init)
     settings = {"level": level, "algo": algo, "seed": seed, "threads": threads, "config": config, "init": origin}
-    with stage("expert", settings, out, resume) as run:
+    with stage("expert", settings, out, resume, renew) as run:
         if run.finished:
             return
         use_threads(threads)

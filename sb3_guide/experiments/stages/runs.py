@@ -1,9 +1,11 @@
 """What every stage of an experiment has in common: a folder, a lock, a record of what was done."""
 
 import csv
+import hashlib
 import io
 import os
 import shlex
+import shutil
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -43,7 +45,7 @@ class Run:
 
 
 @contextmanager
-def stage(name: str, settings: dict[str, Any], folder: Path, resume: bool) -> Iterator[Run]:
+def stage(name: str, settings: dict[str, Any], folder: Path, resume: bool, renew: bool = False) -> Iterator[Run]:
     """
     Work in a folder: alone, and such that a killed run can be continued. At the end, run.json says what was done.
 
@@ -51,21 +53,51 @@ def stage(name: str, settings: dict[str, Any], folder: Path, resume: bool) -> It
     :param settings: everything that the result depends on, as JSON; "config", "level" and "seed" among it where they exist
     :param folder: made if need be
     :param resume: go on where an earlier run of the same settings stopped, or return at once where it finished
+    :param renew: the same; and where an earlier run had other settings, delete it, say so, and begin anew
     :raises ValueError: if the folder holds a run of other settings, or one that was not to be resumed
     """
     folder.mkdir(parents=True, exist_ok=True)
     with FileLock(folder / "lock"):  # the kernel releases it when its holder dies
         begun = folder / "settings.json"
+        if begun.exists() and renew and (changed := changes(read_json(begun), settings)):
+            print(
+                f"{folder} holds a run of other settings ({', '.join(changed)}), which is deleted: it runs anew",
+                file=sys.stderr,
+            )
+            empty(folder)
         if begun.exists():
             if read_json(begun) != settings:
                 raise ValueError(f"{folder} holds a run of other settings ({begun}): choose another --out or delete it")
-            if not resume:
+            if not (resume or renew):
                 raise ValueError(f"{folder} holds a run already: pass --resume to continue it, or choose another --out")
         write_json(begun, settings)
         run = Run(finished=(folder / "run.json").exists())
         yield run
         if not run.finished:
             write_json(folder / "run.json", {**record(name, settings, run.seconds), **run.found})
+
+
+def changes(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
+    """:return: names of the settings that differ"""
+    return sorted(name for name in before | after if before.get(name) != after.get(name))
+
+
+def empty(folder: Path) -> None:
+    """
+    Delete all that a run has left, its settings last, so that what is half deleted is still known for another run's.
+
+    :param folder: of the run, whose lock stays
+    """
+    for path in sorted(folder.iterdir(), key=lambda path: path.name == "settings.json"):
+        if path.is_dir():
+            shutil.rmtree(path)
+        elif path.name != "lock":
+            path.unlink()
+
+
+def digest(path: Path) -> str:
+    """:return: SHA-256 of a file, by which a run knows whether what it was made from is still the same"""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def record(name: str, settings: dict[str, Any], seconds: float) -> dict[str, Any]:

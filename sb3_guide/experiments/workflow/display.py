@@ -29,7 +29,8 @@ class Display:
         self.folder = folder
         self.failed: list[str] = []
         self.running: dict[str, tuple[str, Path, float]] = {}  # name, log and start of a stage by Snakemake's number of it
-        self.bar = tqdm(desc="planning", total=0, bar_format="{desc}: {n}/{total} |{bar}| {elapsed}", disable=None)
+        form = "{desc}: {n}/{total} |{bar}| {elapsed}, left about {remaining}"
+        self.bar = tqdm(desc="planning", total=0, bar_format=form, disable=None)
         self.tails = [
             tqdm(bar_format="{desc}", position=line, leave=False, disable=None)
             for line in range(1, min(cores, MOST_RUNNING) + 1)

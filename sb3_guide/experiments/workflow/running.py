@@ -4,11 +4,12 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Thread
+from typing import Any
 
 import psutil
 from filelock import FileLock, Timeout
@@ -89,24 +90,25 @@ def end_leftovers(folder: Path) -> None:
         psutil.wait_procs(left, timeout=10)
 
 
-def run_workflow(levels: Sequence[str], seeds: int, cores: int, folder: Path) -> float:
+def run_workflow(config: dict[str, Any], cores: int, folder: Path) -> float:
     """
-    :param levels: names
-    :param seeds: how many
+    :param config: of the Snakefile: "study", "levels", "seeds" and "conditions"
     :param cores: of this machine
-    :param folder: of the run
-    :return: seconds that the run has taken, all calls that worked on it together
+    :param folder: of the runs
+    :return: seconds that the runs have taken, all calls that worked on them together
     :raises RuntimeError: if a stage fails
     """
+    stopwatch, log = Stopwatch(folder / "log" / "seconds.json"), folder / "log" / "snakemake.log"
+    settings = folder / "log" / "config.json"
+    write_json(settings, config)
     command = [
         *(sys.executable, "-m", "snakemake", "all", "--snakefile", str(SNAKEFILE), "--directory", str(folder)),
-        *("--config", f"levels=[{','.join(levels)}]", f"seeds={seeds}", "--cores", str(cores), "--scheduler", "greedy"),
+        *("--configfile", str(settings), "--cores", str(cores), "--scheduler", "greedy", "--keep-going"),
         # this call holds a lock of its own, which unlike Snakemake's ends with the process
         *("--nolock", "--rerun-incomplete", "--rerun-triggers", "mtime", "params", "input", "--nocolor"),
     ]
     # threads that spin while they wait make a stage several times slower as soon as other processes want the cores
     environment = {"OMP_WAIT_POLICY": "PASSIVE", **os.environ, RUN_VARIABLE: str(folder), "TQDM_MININTERVAL": "1"}
-    stopwatch, log = Stopwatch(folder / "log" / "seconds.json"), folder / "log" / "snakemake.log"
     process = subprocess.Popen(
         command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     )

@@ -1,0 +1,77 @@
+"""All finished runs of a folder in two tables, which is what results pages are made from and what is kept of a study."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from sb3_guide.experiments.stages.runs import read_table, write_table
+from sb3_guide.policies.folder import read_json
+
+CURVE = ("episodes", "success_rate", "loss", "cic", "uniform_cic", "message_entropy")
+FINAL = ("successes", "episodes", "success_rate", "mean_length")
+
+
+def write_tables(runs: Path, out: Path) -> None:
+    """
+    Merge every finished run of a folder into ``curves.csv``, a row a validation, and ``finals.csv``, a row a run. Rows of
+    other runs that the tables hold already stay, so that a study can be collected from several machines.
+
+    :param runs: folder of runs, as ``sb3-guide reproduce`` makes it
+    :param out: folder of the tables, made if need be
+    :raises ValueError: if there is no finished run
+    """
+    found = sorted(finished(runs))
+    if not found:
+        raise ValueError(f"{runs} holds no finished run: expected a folder that sb3-guide reproduce has made")
+    out.mkdir(parents=True, exist_ok=True)
+    merge(out / "curves.csv", [row for key in found for row in curve(runs, *key)])
+    merge(out / "finals.csv", [final(runs, *key) for key in found])
+
+
+def finished(runs: Path) -> Iterator[tuple[str, str, int]]:
+    """:return: level, condition and seed of every run that has ended"""
+    for path in runs.glob("*/seed*/*/evaluation.json"):
+        level, seed, condition = path.parent.relative_to(runs).parts
+        yield level, condition, int(seed.removeprefix("seed"))
+
+
+def curve(runs: Path, level: str, condition: str, seed: int) -> list[dict[str, Any]]:
+    """:return: a row for each validation of a run"""
+    folder = runs / level / f"seed{seed}" / condition
+    key = {"level": level, "condition": condition, "seed": seed}
+    return [key | {name: short(row.get(name, "")) for name in CURVE} for row in read_table(folder / "progress.csv")]
+
+
+def final(runs: Path, level: str, condition: str, seed: int) -> dict[str, Any]:
+    """:return: the row of a run"""
+    folder = runs / level / f"seed{seed}" / condition
+    run, evaluation = read_json(folder / "run.json"), read_json(folder / "evaluation.json")
+    return {
+        "level": level,
+        "condition": condition,
+        "seed": seed,
+        "agent": run["agent"],
+        "train_episodes": run["config"]["train_episodes"] * len(level.split("+")),
+        "n_epochs": run["config"]["n_epochs"],
+        "successes": evaluation["successes"],
+        "missions": evaluation["episodes"],
+        "success_rate": evaluation["success_rate"],
+        "mean_length": round(evaluation["mean_length"], 3),
+        "seconds": run["seconds"],
+    }
+
+
+def short(number: str) -> str:
+    """:return: a number with five digits, as it stands where that is enough"""
+    return f"{float(number):.5g}" if "." in number else number
+
+
+def merge(path: Path, rows: list[dict[str, Any]]) -> None:
+    """
+    :param path: of a table, which need not exist
+    :param rows: that replace those of the same level, condition and seed
+    """
+    key = lambda row: (row["level"], row["condition"], int(row["seed"]))  # noqa: E731
+    new = {key(row) for row in rows}
+    kept = [row for row in (read_table(path) if path.exists() else []) if key(row) not in new]
+    write_table(path, sorted([*kept, *rows], key=key))

@@ -1,0 +1,208 @@
+"""Conditions and studies: which runs of stages 2 and 3 there are, as conditions.yml says."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+
+from sb3_guide.experiments.stages.clone import AGENTS, UNTRAINED, override, shared_config
+from sb3_guide.experiments.stages.configs import load_config
+from sb3_guide.experiments.stages.levels import join_levels, split_levels
+from sb3_guide.experts import expert_folder
+from sb3_guide.policies.interventions import intervention_of
+
+PACKAGED = Path(__file__).with_name("conditions.yml")
+
+
+@dataclass(frozen=True)
+class Condition:
+    """
+    How an agent is cloned. A reference is the name of a condition, of the same level, or ``condition@level``.
+
+    :param agent: "learner", "guide" or "guided"
+    :param guide: reference to the condition whose Guide speaks, or "untrained"
+    :param freeze_guide: keep that Guide as it is
+    :param hears: intervention that its messages pass through
+    :param init: reference to the condition whose weights a Learner starts from
+    :param params: hyper-parameters to override
+    :raises ValueError: if there is no such agent or intervention
+    """
+
+    agent: str
+    guide: str | None = None
+    freeze_guide: bool = False
+    hears: str = "spoken"
+    init: str | None = None
+    params: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.agent not in AGENTS:
+            raise ValueError(f"agent {self.agent!r} is unknown: expected one of {', '.join(AGENTS)}")
+        intervention_of(self.hears)
+
+    def references(self) -> list[str]:
+        """:return: to the conditions that have to be run before"""
+        return [name for name in (self.guide, self.init) if name not in (None, UNTRAINED)]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """
+    Every condition on every level with every seed.
+
+    :param conditions: names
+    :param seeds: how many, from 0
+    :param levels: names; None takes those that the caller names
+    """
+
+    conditions: list[str]
+    seeds: int
+    levels: list[str] | None = None
+
+
+@dataclass(frozen=True)
+class Study:
+    """
+    :param grids: whose runs it has
+    :param expert: "trained" along, or the "pretrained" one that is shipped
+    :param analyze: conditions whose agents are analysed
+    """
+
+    grids: list[Grid]
+    expert: str = "pretrained"
+    analyze: list[str] = field(default_factory=list)
+
+
+class Run(NamedTuple):
+    """
+    A condition on a level with a seed.
+
+    :param level: name, or several joined by "+"
+    :param seed: of weights, order and messages
+    :param condition: name
+    """
+
+    level: str
+    seed: int
+    condition: str
+
+    @property
+    def folder(self) -> str:
+        """Inside the folder of all runs."""
+        return f"{self.level}/seed{self.seed}/{self.condition}"
+
+    def source(self, reference: str) -> "Run":
+        """
+        :param reference: to a condition, such as "guide" or "guide@GoToLocal"
+        :return: the run that it means here
+        """
+        condition, _, level = reference.partition("@")
+        return Run(level or self.level, self.seed, condition)
+
+
+class Catalogue(NamedTuple):
+    """
+    All that can be run.
+
+    :param conditions: by name
+    :param studies: by name
+    """
+
+    conditions: dict[str, Condition]
+    studies: dict[str, Study]
+
+    def runs(self, study: str, levels: Sequence[str] = (), seeds: int | None = None) -> list[Run]:
+        """
+        :param study: name
+        :param levels: names, of the study's, to run; none means all of them
+        :param seeds: how many instead of the study's own number; None takes that
+        :return: every run of the study, and every one that these need, once
+        :raises ValueError: if something is unknown, there is no run, or a level has no hyper-parameters or expert
+        """
+        if study not in self.studies:
+            raise ValueError(f"study {study!r} is unknown: expected one of {', '.join(self.studies)}")
+        if seeds is not None and seeds < 1:
+            raise ValueError(f"The number of seeds is {seeds}: expected at least 1")
+        chosen = [join_levels(split_levels(level)) for level in levels]
+        grids = self.studies[study].grids
+        own = {level for grid in grids for level in grid.levels or chosen}
+        if not own or (unknown := [level for level in chosen if level not in own]):
+            named = ", ".join(unknown) if own else "levels of its own"
+            expected = ", ".join(sorted(own)) or "at least one to be named, such as GoToObj"
+            raise ValueError(f"study {study!r} has no {named}: expected {expected}")
+        runs = [
+            Run(level, seed, condition)
+            for grid in grids
+            for level in grid.levels or chosen
+            if level in (chosen or own)
+            for seed in range(grid.seeds if seeds is None else seeds)
+            for condition in grid.conditions
+        ]
+        needed = list(dict.fromkeys(each for run in runs for each in self._with_sources(run)))
+        for run in needed:
+            self._check(run, self.studies[study].expert)
+        return needed
+
+    def _with_sources(self, run: Run) -> list[Run]:
+        """:return: what a run needs, before it, and the run"""
+        sources = [run.source(reference) for reference in self.conditions[run.condition].references()]
+        return [*(each for source in sources for each in self._with_sources(source)), run]
+
+    def _check(self, run: Run, expert: str) -> None:
+        """:raises ValueError: if the run has no hyper-parameters or no expert"""
+        levels = split_levels(run.level)
+        override(shared_config(levels, None), self.params(run))
+        for level in levels:
+            if expert == "pretrained":
+                expert_folder(level)
+            else:
+                load_config("ppo", level)
+
+    def params(self, run: Run) -> list[str]:
+        """:return: hyper-parameters to override, as the command line takes them"""
+        return [f"{name}:{value}" for name, value in self.conditions[run.condition].params.items()]
+
+    def options(self, run: Run) -> list[str]:
+        """:return: what the command line of `sb3-guide clone` says of a run, beyond level, seed and folders of its own"""
+        condition = self.conditions[run.condition]
+        options = ["--agent", condition.agent]
+        if condition.guide is not None:
+            guide = UNTRAINED if condition.guide == UNTRAINED else run.source(condition.guide).folder
+            options += ["--guide", guide]
+        if condition.freeze_guide:
+            options += ["--freeze-guide"]
+        if condition.hears != "spoken":
+            options += ["--hears", condition.hears]
+        if condition.init is not None:
+            options += ["--init", run.source(condition.init).folder]
+        for param in self.params(run):
+            options += ["--params", param]
+        return options
+
+
+def load_catalogue(file: Path | None = None) -> Catalogue:
+    """
+    :param file: YAML of conditions and studies to add to the packaged ones; None adds nothing
+    :raises FileNotFoundError: if the file does not exist
+    :raises ValueError: if it is no such YAML, or names what does not exist
+    """
+    conditions: dict[str, Condition] = {}
+    studies: dict[str, Study] = {}
+    for path in (PACKAGED, *([] if file is None else [file])):
+        try:
+            content = yaml.safe_load(path.read_text()) or {}
+            conditions |= {name: Condition(**entry) for name, entry in content.get("conditions", {}).items()}
+            for name, entry in content.get("studies", {}).items():
+                studies[name] = Study(**{**entry, "grids": [Grid(**grid) for grid in entry["grids"]]})
+        except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError) as error:
+            raise ValueError(f"{path} holds no usable conditions and studies: {error}") from error
+    used = [
+        *(reference for condition in conditions.values() for reference in condition.references()),
+        *(name for study in studies.values() for grid in study.grids for name in grid.conditions),
+    ]
+    for name in used:
+        if name.partition("@")[0] not in conditions:
+            raise ValueError(f"condition {name!r} is unknown: expected one of {', '.join(conditions)}")
+    return Catalogue(conditions, studies)
