@@ -129,7 +129,7 @@ def episode_bc(
         policy=policy,
         demonstrations=loader,
         batch_size=batch_size,
-        optimizer_kwargs={"lr": learning_rate, "eps": 1e-5},
+        optimizer_kwargs={"lr": learning_rate, "eps": 1e-5, "fused": True},
         custom_logger=logger,
     )
     algorithm.loss_calculator = EpisodeLoss(ent_weight, th.Generator().manual_seed(seed))

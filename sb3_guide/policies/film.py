@@ -58,7 +58,15 @@ class FiLM(nn.Module):
         :param row: (N,) which y modulates each x
         """
         shape = (len(x), *[1] * (x.dim() - 2), -1)
-        return self.gamma(y)[row].view(shape) * x + self.beta(y)[row].view(shape)
+        return th.addcmul(self.beta(y)[row].view(shape), self.gamma(y)[row].view(shape), x)
+
+    def all_pairs(self, x: th.Tensor, y: th.Tensor) -> th.Tensor:
+        """
+        :param x: (U, channels), or (M, U, channels)
+        :param y: (M, condition_dim)
+        :return: (M, U, channels), every x modulated by every y, or by its own
+        """
+        return th.addcmul(self.beta(y).unsqueeze(1), self.gamma(y).unsqueeze(1), x)
 
 
 class CompactVision(nn.Module):
@@ -107,10 +115,9 @@ class CompactVision(nn.Module):
         occurs = th.zeros(self.whole.num_embeddings, dtype=th.bool, device=cells.device)
         occurs[cells.flatten()] = True
         kinds = occurs.nonzero().squeeze(1)  # (U,)
-        pairs = th.arange(len(instructions), device=cells.device).repeat_interleave(len(kinds))
-        cell = self.film_cells(self.embed(kinds).repeat(len(instructions), 1), instructions, pairs).relu()
-        table = self.film_mixed(self.mix(cell), instructions, pairs).relu()  # (M * U, view)
-        return embedding(row.unsqueeze(1) * len(kinds) + (occurs.cumsum(0) - 1)[cells], table)
+        cell = self.film_cells.all_pairs(self.embed(kinds), instructions).relu_()  # (M, U, cell)
+        table = self.film_mixed.all_pairs(self.mix(cell), instructions).relu_()  # (M, U, view)
+        return embedding(row.unsqueeze(1) * len(kinds) + (occurs.cumsum(0) - 1)[cells], table.flatten(0, 1))
 
     def embed(self, cells: th.Tensor) -> th.Tensor:
         """

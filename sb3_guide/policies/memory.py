@@ -7,6 +7,7 @@ from torch.nn.functional import embedding
 from sb3_guide.policies.interventions import Scene
 
 State = tuple[th.Tensor, th.Tensor]  # h and c of shape (1, B, hidden) each
+FEW = 64  # sequences
 
 
 class Memory(nn.Module):
@@ -79,8 +80,11 @@ def is_frame(lengths: th.Tensor) -> th.Tensor:
 def similar(lengths: th.Tensor) -> list[th.Tensor]:
     """
     :param lengths: (B,) frames in each sequence
-    :return: groups of sequences, none of them half as long as the longest of its group or shorter
+    :return: groups of sequences, none of them half as long as the longest of its group or shorter; a single group where there
+        are so few that a time step takes as long for all of them as for some
     """
+    if len(lengths) <= FEW:
+        return [th.arange(len(lengths), device=lengths.device)]
     power = lengths.log2().ceil()
     return [(power == group).nonzero().squeeze(1) for group in power.unique()]
 
