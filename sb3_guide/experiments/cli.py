@@ -169,6 +169,25 @@ def reproduce(
     reproduce_study(study, levels or [], seeds, cores, out, conditions)
 
 
+@app.command()
+def collect(
+    runs: Annotated[Path, typer.Argument(help="Folder of runs, as 'sb3-guide reproduce' makes it, finished or not.")],
+    out: Annotated[Path, typer.Option(help="Folder for curves.csv and finals.csv; other runs that they hold stay.")],
+) -> None:
+    """Merge all finished runs into two tables."""
+    from sb3_guide.experiments.report.tables import write_tables
+
+    write_tables(runs, out)
+
+
+@app.command()
+def report(folder: Annotated[Path, typer.Argument(help="Folder with curves.csv and finals.csv.")]) -> None:
+    """Judge the paper's claims on guidance from the tables of a study, and write pages and figures beside them."""
+    from sb3_guide.experiments.report.guidance import write_pages
+
+    write_pages(folder)
+
+
 def main() -> None:
     """Entry point: wrong use ends with one line that says what to do, not with a traceback."""
     try:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
+from sb3_guide.experiments.report.guidance import write_pages
 from sb3_guide.experiments.report.page import write_report
 from sb3_guide.experiments.report.summary import summarise
 from sb3_guide.experiments.report.tables import write_tables
@@ -52,4 +53,5 @@ def reproduce(
             print(f"Done: see {out / 'report.html'}, and summary.json beside it.")
         else:
             write_tables(folder, folder / "report")
-            print(f"Done: see {out / 'report'}.")
+            write_pages(folder / "report")
+            print(f"Done: see {out / 'report' / 'README.md'}.")

@@ -128,7 +128,8 @@ def use_threads(threads: int) -> None:
         raise ValueError(f"threads={threads}: expected at least 1")
     th.set_num_threads(threads)
     th.use_deterministic_algorithms(True)
-    th.utils.deterministic.fill_uninitialized_memory = False  # a safeguard against reading it, which costs a tenth
+    # a safeguard against reading it, which costs a tenth
+    th.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]  # a property of the module
 
 
 def write_table(path: Path, rows: Sequence[dict[str, Any]]) -> None:

@@ -1,0 +1,68 @@
+"""Learning curves of a study, laid out as the paper's figures 4 to 6: a panel a level, a colour a condition, a line a seed."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, PercentFormatter
+
+from sb3_guide.experiments.report.study import Study
+
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8c6d31", "#999999")  # Okabe and Ito
+STYLE: dict[Any, Any] = {
+    "font.size": 9,
+    "axes.titlesize": 9,
+    "axes.labelsize": 8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+}
+PANELS_A_ROW = 3
+PANEL = (3.4, 2.6)  # inches
+
+
+def draw_curves(study: Study, levels: Sequence[str], conditions: Sequence[str], path: Path, epochs: int | None = None) -> None:
+    """
+    :param study: to be shown
+    :param levels: a panel each
+    :param conditions: a colour each; those that a level lacks are left out
+    :param path: of the PNG, written atomically
+    :param epochs: to show; None shows all of them
+    """
+    columns = min(len(levels), PANELS_A_ROW)
+    rows = -(-len(levels) // PANELS_A_ROW)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(PANEL[0] * columns, PANEL[1] * rows + 0.5), layout="constrained")
+        panels = figure.subplots(rows, columns, squeeze=False, sharey=True).flat
+        for axes, level in zip(panels, levels, strict=False):
+            draw_level(axes, study, level, conditions, epochs)
+        for axes in list(panels)[len(levels) :]:
+            axes.set_axis_off()
+        lines = {str(line.get_label()): line for axes in figure.axes for line in axes.get_lines()}
+        shown = [condition for condition in conditions if condition in lines]
+        handles = [lines[condition] for condition in shown]
+        figure.legend(handles, shown, loc="outside lower center", ncols=min(len(shown), 5), frameon=False)
+        partial = path.with_name(f"{path.name}.partial")
+        figure.savefig(partial, format="png", dpi=130, metadata={"Software": None})
+        partial.replace(path)
+
+
+def draw_level(axes: Axes, study: Study, level: str, conditions: Sequence[str], epochs: int | None) -> None:
+    """Draw mean and seeds of each condition."""
+    present = [condition for condition in conditions if study.has(level, condition)]
+    for condition in present:
+        curve, colour = study.success(level, condition), COLOURS[conditions.index(condition)]
+        axes.plot(curve.index, curve, color=colour, linewidth=0.6, alpha=0.35)
+        axes.plot(curve.index, curve.mean(axis=1), color=colour, linewidth=2, label=condition)
+    seeds = [len(study.final(level, condition)) for condition in present]
+    axes.set_title(f"{level}, {min(seeds)} to {max(seeds)} seeds" if min(seeds) < max(seeds) else f"{level}, {seeds[0]} seeds")
+    axes.set_xlim(0, max(study.episodes(level, condition, epochs) for condition in present))
+    axes.set_ylim(0, 1.02)
+    axes.yaxis.set_major_formatter(PercentFormatter(1))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / 1000:g}k"))
+    axes.set_xlabel("training episodes seen")
+    axes.set_ylabel("validation missions solved")

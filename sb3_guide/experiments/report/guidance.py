@@ -1,0 +1,274 @@
+"""Results pages on the claims of section 4, generated from the tables of a study."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from scipy.stats import t
+
+from sb3_guide.experiments.report.contrasts import Contrast, area, corrected, episodes_to, verdict, verdict_of_all
+from sb3_guide.experiments.report.curves import draw_curves
+from sb3_guide.experiments.report.study import Study, read_study
+from sb3_guide.experiments.workflow.conditions import Run, load_catalogue
+
+CLAIMS = Path(__file__).with_name("claims.yml")
+KINDS = ("faster", "as-good", "as-good-in-the-end", "better-in-the-end")
+THRESHOLDS = (0.5, 0.9, 0.95)
+PAGES = {
+    "intra": "Guidance within a level (section 4.1)",
+    "curriculum": "Guidance across levels (section 4.2)",
+    "multilevel": "One Guide for several levels (section 4.3)",
+    "lowdata": "Fewer demonstrations",
+}
+FIGURES: dict[str, list[tuple[str, str, list[str], int | None]]] = {  # by page: file, caption, conditions, epochs shown
+    "intra": [
+        ("intra", "Learner and guided Learner, as in the paper's figure 4", ["learner", "guided"], None),
+        (
+            "intra-controls",
+            "The same with all controls, the first two epochs",
+            ["learner", "guided", "transfer", "frozen", "reader", "untrained", "silent", "random", "shuffled"],
+            2,
+        ),
+        ("intra-guide", "What the Guide itself took to learn", ["learner", "guide"], None),
+    ],
+    "curriculum": [
+        (
+            "curriculum",
+            "As in the paper's figure 5, the first two epochs",
+            [
+                *("learner", "guided", "guided-by-GoToLocal", "guided-by-PickupLoc", "guided-by-PutNextLocal"),
+                *("pretrained-on-GoToLocal", "pretrained-on-PickupLoc", "pretrained-on-PutNextLocal"),
+            ],
+            2,
+        )
+    ],
+    "multilevel": [("multilevel", "As in the paper's figure 6", ["learner", "guided", "guided-by-all"], 2)],
+    "lowdata": [],
+}
+LEVELS = {"curriculum": ["PickupLoc", "PutNextLocal"], "multilevel": ["GoToLocal", "PickupLoc", "PutNextLocal"]}
+
+
+@dataclass(frozen=True)
+class Judged:
+    """
+    A claim and what the runs say of it.
+
+    :param claim: entry of claims.yml
+    :param contrasts: that were run
+    :param p_values: corrected, of each
+    :param missing: contrasts that were not run, in words
+    """
+
+    claim: dict[str, Any]
+    contrasts: list[Contrast]
+    p_values: list[float]
+    missing: list[str]
+
+    @property
+    def verdicts(self) -> list[str]:
+        """Of each contrast."""
+        pairs = zip(self.contrasts, self.p_values, strict=True)
+        return [verdict(self.claim["kind"], contrast, p_value) for contrast, p_value in pairs]
+
+
+def load_claims(path: Path = CLAIMS) -> list[dict[str, Any]]:
+    """
+    :param path: of a YAML file as claims.yml
+    :raises ValueError: if a claim lacks something, or is of an unknown kind or page
+    """
+    claims = yaml.safe_load(path.read_text())
+    for claim in claims:
+        if missing := {"name", "page", "claim", "quote", "kind", "contrasts"} - set(claim):
+            raise ValueError(f"a claim of {path} lacks {', '.join(sorted(missing))}: {claim}")
+        if claim["kind"] not in KINDS or claim["page"] not in PAGES:
+            raise ValueError(
+                f"claim {claim['name']!r} of {path}: expected kind {', '.join(KINDS)} and page {', '.join(PAGES)}"
+            )
+    return list(claims)
+
+
+def judge(study: Study, claim: dict[str, Any]) -> Judged:
+    """
+    :param study: finished runs
+    :param claim: entry of claims.yml
+    :return: the claim with its contrasts
+    """
+    contrasts, missing = [], []
+    for a, b, levels in claim["contrasts"]:
+        for level in levels:
+            contrast = study.contrast(claim["kind"], level, a, b)
+            if contrast is None:
+                missing.append(f"{a} and {b} on {level}")
+            else:
+                contrasts.append(contrast)
+    return Judged(claim, contrasts, corrected(contrasts), missing)
+
+
+def write_pages(folder: Path) -> None:
+    """
+    Write README.md, a page for each part of section 4 and their figures beside the tables.
+
+    :param folder: with curves.csv and finals.csv
+    :raises FileNotFoundError: if a table is missing
+    :raises ValueError: if a table lacks a column
+    """
+    study = read_study(folder)
+    judged = [judge(study, claim) for claim in load_claims()]
+    write_text(folder / "README.md", overview(study, judged))
+    for name, title in PAGES.items():
+        own = [each for each in judged if each.claim["page"] == name]
+        if any(each.contrasts for each in own):
+            write_text(folder / f"{name}.md", page(study, name, title, own, folder))
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file atomically."""
+    partial = path.with_name(f"{path.name}.partial")
+    partial.write_text(text)
+    os.replace(partial, path)
+
+
+def overview(study: Study, judged: Sequence[Judged]) -> str:
+    """:return: every claim with its verdict, and what was run"""
+    rows = []
+    for each in judged:
+        held = each.verdicts.count("holds")
+        run = f"{held} of {len(each.contrasts)}" + (f" ({len(each.missing)} not run)" if each.missing else "")
+        link = f"[{each.claim['page']}]({each.claim['page']}.md)" if each.contrasts else "-"
+        rows.append([each.claim["claim"], f"**{verdict_of_all(each.verdicts)}**", run, link])
+    counts = study.finals.groupby(["level", "condition"])["seed"].nunique().unstack("level")
+    runs = [[name, *(f"{n:.0f}" for n in row)] for name, row in zip(counts.index, counts.fillna(0).to_numpy(), strict=True)]
+    return "\n".join(
+        [
+            "# Does guidance help, and what of it is language?",
+            "",
+            "Section 4 of the paper, judged by [criteria](criteria.md) that were written before. Generated by",
+            "`sb3-guide report docs/results/guidance` from [curves.csv](curves.csv) and [finals.csv](finals.csv).",
+            "",
+            *table(["claim", "verdict", "contrasts that hold", "page"], rows),
+            "",
+            f"## Runs ({len(study.finals)}): seeds of each condition",
+            "",
+            *table(["condition", *counts.columns], runs),
+            "",
+        ]
+    )
+
+
+def page(study: Study, name: str, title: str, judged: Sequence[Judged], folder: Path) -> str:
+    """:return: text of a page, whose figures are drawn"""
+    lines = [f"# {title}", "", "Generated from the tables; [criteria](criteria.md), [overview](README.md).", ""]
+    for file, caption, conditions, epochs in FIGURES[name]:
+        levels = [level for level in LEVELS.get(name, study.levels()) if sum(study.has(level, c) for c in conditions) > 1]
+        if levels:
+            draw_curves(study, levels, conditions, folder / f"{file}.png", epochs)
+            lines += [f"![{caption}]({file}.png)", "", f"*{caption}: mean and every seed.*", ""]
+    for each in judged:
+        lines += claim_section(each)
+    if name != "lowdata":
+        conditions = list(dict.fromkeys(condition for _, _, shown, _ in FIGURES[name] for condition in shown))
+        levels = LEVELS.get(name, study.levels())
+        lines += ["## Every condition", "", *condition_table(study, levels, conditions), ""]
+        lines += ["## What the Guide costs", "", *cost_table(study, levels, conditions), ""]
+    return "\n".join(lines)
+
+
+def claim_section(judged: Judged) -> list[str]:
+    """:return: lines on a claim"""
+    what = "final success" if judged.claim["kind"].endswith("in-the-end") else "area"
+    rows = [
+        [
+            contrast.level,
+            f"{contrast.a} against {contrast.b}",
+            str(contrast.seeds),
+            "-" if contrast.horizon is None else f"{contrast.horizon:,}",
+            f"{contrast.mean_a:.3f}, {contrast.mean_b:.3f}",
+            f"{contrast.difference:+.3f} ({contrast.low:+.3f} to {contrast.high:+.3f})",
+            p_text(p_value),
+            p_text(contrast.p_exact),
+            verdict(judged.claim["kind"], contrast, p_value),
+        ]
+        for contrast, p_value in zip(judged.contrasts, judged.p_values, strict=True)
+    ]
+    head = [
+        "level",
+        "A against B",
+        "seeds",
+        "horizon",
+        f"{what} of A, B",
+        "difference, 95 % interval",
+        "p (Holm)",
+        "p (exact)",
+    ]
+    return [
+        f"## {judged.claim['claim']}: {verdict_of_all(judged.verdicts)}",
+        "",
+        f"> {judged.claim['quote'].strip()}",
+        "",
+        *(table([*head, "verdict"], rows) if rows else []),
+        *(["", f"Not run: {'; '.join(judged.missing)}."] if judged.missing else []),
+        "",
+    ]
+
+
+def condition_table(study: Study, levels: Sequence[str], conditions: Sequence[str]) -> list[str]:
+    """:return: area over all of the training, episodes to each threshold and final success, with 95 % intervals over seeds"""
+    rows = []
+    for level in levels:
+        for condition in conditions:
+            if study.has(level, condition):
+                curve = study.success(level, condition)
+                episodes = curve.index.to_numpy()
+                first = [area(episodes, curve[seed].to_numpy(), episodes[-1]) for seed in curve]
+                to = [[episodes_to(episodes, curve[seed].to_numpy(), rate) for seed in curve] for rate in THRESHOLDS]
+                final = study.final(level, condition).to_numpy()
+                numbers = [interval(np.array(first), ".3f"), *(interval(np.array(values), ",.0f") for values in to)]
+                rows.append([level, condition, str(len(final)), *numbers, interval(final, ".3f")])
+    return table(["level", "condition", "seeds", "area", *(f"to {x:.0%}" for x in THRESHOLDS), "final success"], rows)
+
+
+def cost_table(study: Study, levels: Sequence[str], conditions: Sequence[str]) -> list[str]:
+    """:return: episodes saved on the way to 90 %, beside the episodes that the Guide has seen"""
+    known = load_catalogue().conditions
+    rows = []
+    for level in levels:
+        for condition in conditions:
+            if condition.startswith("guided") and study.has(level, condition) and study.has(level, "learner"):
+                guide = Run(level, 0, condition).source(str(known[condition].guide))
+                to = {name: reached(study, level, name) for name in ("learner", condition)}
+                if not (seeds := sorted(to["learner"].keys() & to[condition].keys())):
+                    continue
+                saved = np.array([to["learner"][seed] - to[condition][seed] for seed in seeds])
+                cost = study.episodes(guide.level, guide.condition) if study.has(guide.level, guide.condition) else np.nan
+                share = f"{cost / saved.mean():.0f}" if saved.mean() > 0 else "never"
+                rows.append([level, condition, interval(saved, ",.0f"), f"{cost:,.0f}", share])
+    return table(["level", "condition", "episodes saved to 90 %", "the Guide's episodes", "Learners that must share it"], rows)
+
+
+def reached(study: Study, level: str, condition: str) -> dict[int, float]:
+    """:return: episodes to 90 % by seed"""
+    curve = study.success(level, condition)
+    return {seed: episodes_to(curve.index.to_numpy(), curve[seed].to_numpy(), 0.9) for seed in curve}
+
+
+def interval(values: np.ndarray, form: str) -> str:
+    """:return: mean and, of two values or more, the bounds of its 95 % interval (Student's t)"""
+    mean = values.mean()
+    if len(values) < 2:
+        return f"{mean:{form}}"
+    half = t.ppf(0.975, len(values) - 1) * values.std(ddof=1) / np.sqrt(len(values))
+    return f"{mean:{form}} ± {half:{form}}"
+
+
+def p_text(p_value: float) -> str:
+    """:return: such as "0.012" or "< 0.001" """
+    return "-" if np.isnan(p_value) else "< 0.001" if p_value < 0.001 else f"{p_value:.3f}"
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """:return: lines of a Markdown table"""
+    return [f"| {' | '.join(line)} |" for line in (head, ["---"] * len(head), *rows)]
