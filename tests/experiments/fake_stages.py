@@ -28,9 +28,12 @@ def main(arguments: list[str]) -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("stage")
     parser.add_argument("folder", nargs="?")
-    for option in ("level", "seed", "out", "threads", "expert", "split", "episodes", "agent", "demos", "guide"):
+    for option in ("level", "seed", "out", "threads", "expert", "split", "episodes", "agent", "guide", "hears", "init"):
         parser.add_argument(f"--{option}")
-    parser.add_argument("--resume", action="store_true")
+    for option in ("demos", "params"):
+        parser.add_argument(f"--{option}", action="append")
+    for option in ("renew", "freeze-guide"):
+        parser.add_argument(f"--{option}", action="store_true")
     options = parser.parse_args(arguments)
     out = Path(options.out)
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -51,7 +54,6 @@ def everything(options: argparse.Namespace, out: Path) -> None:
             run = at / f"seed{seed}"
             for agent in ("learner", "guide", "guided"):
                 call("clone", level, run / agent, agent=agent, seed=seed)
-                call("evaluate", level, run / "evaluation" / f"{agent}.json", folder=f"{level}/seed{seed}/{agent}")
             for agent in ("guide", "guided"):
                 call("analyze", level, run / "analysis" / agent, folder=f"{level}/seed{seed}/{agent}")
 
@@ -82,7 +84,8 @@ def run_json(options: argparse.Namespace, **more: object) -> dict[str, object]:
         "command": f"sb3-guide {options.stage}",
         "level": options.level,
         "seed": int(options.seed or 0),
-        "config": {"n_epochs": EPOCHS},
+        "config": {"n_epochs": EPOCHS, "train_episodes": 1000, "validation_episodes": 500},
+        "agent": options.agent,
         "versions": VERSIONS,
         "seconds": round(20 + 10 * generator(options).random(), 1),
         "finished": "2026-01-01T00:00:00+00:00",
@@ -125,19 +128,17 @@ def record(options: argparse.Namespace, out: Path) -> None:
 def clone(options: argparse.Namespace, out: Path) -> None:
     rng, speed = generator(options), {"learner": 0.3, "guide": 0.35, "guided": 0.6}[options.agent]
     rows: list[dict[str, object]] = []
-    for epoch in range(1, EPOCHS + 1):
+    for epoch in (0, 0.5, *range(1, EPOCHS + 1)):
         success = float(np.clip(1 - np.exp(-speed * epoch) - 0.02 + 0.02 * rng.standard_normal(), 0, 1))
         row: dict[str, object] = {
             "epoch": epoch,
             "loss": 2 * np.exp(-speed * epoch),
             "success_rate": success,
-            "success_low": max(0.0, success - 0.03),
-            "success_high": min(1.0, success + 0.03),
             "mean_length": 6.0,
             "cic": "",
             "uniform_cic": "",
             "message_entropy": "",
-            "frames": 5000 * epoch,
+            "episodes": int(1000 * epoch),
             "seconds": 2.0 * epoch,
         }
         if options.agent != "learner":
@@ -145,6 +146,7 @@ def clone(options: argparse.Namespace, out: Path) -> None:
             row |= {"cic": 0.7 * fall, "uniform_cic": 0.9 * (1 - 0.4 * np.exp(-0.5 * epoch)), "message_entropy": 1.2 * fall}
         rows.append(row)
     write_agent(options, out, rows)
+    evaluate(options, out / "evaluation.json")
 
 
 def evaluate(options: argparse.Namespace, out: Path) -> None:

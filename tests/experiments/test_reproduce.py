@@ -45,7 +45,7 @@ def undisturbed(workflow: Path, tmp_path_factory: pytest.TempPathFactory) -> dic
     folder = tmp_path_factory.mktemp("undisturbed")
     with pytest.MonkeyPatch.context() as monkeypatch:
         monkeypatch.setattr(module, "SNAKEFILE", workflow)
-        reproduce(["GoToObj"], seeds=1, cores=2, out=folder)
+        reproduce("stages", ["GoToObj"], seeds=1, cores=2, out=folder)
     return summary_of(folder)
 
 
@@ -60,7 +60,7 @@ def start(workflow: Path, folder: Path, seconds: float) -> "subprocess.Popen[byt
     code = (
         "from pathlib import Path; from sb3_guide.experiments.reproduce import reproduce;"
         "from sb3_guide.experiments.workflow import running as module;"
-        f"module.SNAKEFILE = Path({str(workflow)!r}); reproduce(['GoToObj'], 1, 2, Path({str(folder)!r}))"
+        f"module.SNAKEFILE = Path({str(workflow)!r}); reproduce('stages', ['GoToObj'], 1, 2, Path({str(folder)!r}))"
     )
     environment = {**os.environ, "FAKE_SECONDS": str(seconds)}
     make = ["sh", "-c", '"$@"; exit $?', "make", sys.executable, "-c", code]
@@ -87,11 +87,11 @@ def test_a_run_ends_with_its_summary(undisturbed: dict[str, Any]) -> None:
 
 
 def test_one_core_gives_the_same_summary_and_seeds_can_be_added(undisturbed: dict[str, Any], tmp_path: Path) -> None:
-    reproduce(["GuideGrid-GoToObj-v0", "GoToObj"], seeds=1, cores=1, out=tmp_path)
+    reproduce("stages", ["GuideGrid-GoToObj-v0", "GoToObj"], seeds=1, cores=1, out=tmp_path)
     assert summary_of(tmp_path) == undisturbed
     finished = tmp_path / "GoToObj" / "seed0" / "guided" / "run.json"
     before = finished.stat().st_mtime_ns
-    reproduce(["GoToObj"], seeds=2, cores=2, out=tmp_path)
+    reproduce("stages", ["GoToObj"], seeds=2, cores=2, out=tmp_path)
     assert finished.stat().st_mtime_ns == before
     assert summary_of(tmp_path)["seeds"] == [0, 1]
 
@@ -125,7 +125,7 @@ def test_a_run_that_is_killed_again_and_again_ends_with_the_same_summary(
     os.killpg(process.pid, signal.SIGINT)
     process.wait()
     assert processes_of(tmp_path) == []
-    reproduce(["GoToObj"], seeds=1, cores=2, out=tmp_path)
+    reproduce("stages", ["GoToObj"], seeds=1, cores=2, out=tmp_path)
     assert summary_of(tmp_path) == undisturbed
 
 
@@ -145,22 +145,23 @@ def test_a_failing_stage_shows_the_end_of_its_log(
 ) -> None:
     monkeypatch.setenv("FAKE_FAILURE", "guide")
     with pytest.raises(RuntimeError, match="failed: GoToObj/seed0/guide"):
-        reproduce(["GoToObj"], seeds=1, cores=2, out=tmp_path)
+        reproduce("stages", ["GoToObj"], seeds=1, cores=2, out=tmp_path)
     shown = capsys.readouterr().err
     assert "GoToObj/seed0/guide: FAILED" in shown
     assert "made of cheese" in shown
     assert str(tmp_path / "log" / "GoToObj" / "seed0" / "guide.log") in shown
     monkeypatch.delenv("FAKE_FAILURE")
-    reproduce(["GoToObj"], seeds=1, cores=2, out=tmp_path)
+    reproduce("stages", ["GoToObj"], seeds=1, cores=2, out=tmp_path)
     assert (tmp_path / "report.html").exists()
 
 
 def test_the_workflow_speaks_the_command_line_of_the_stages(tmp_path: Path) -> None:
-    options = ["--directory", str(tmp_path), "--config", "levels=[GoToObj]", "seeds=1", "--dry-run", "--printshellcmds"]
+    config = ["study=stages", "levels=[GoToObj]", "seeds=1"]
+    options = ["--directory", str(tmp_path), "--config", *config, "--dry-run", "--printshellcmds"]
     snakemake = [sys.executable, "-m", "snakemake", "all", "--snakefile", str(PACKAGED), *options]
     planned = subprocess.run(snakemake, check=True, capture_output=True, text=True).stdout
     calls = re.findall(r"-m sb3_guide\.experiments\.cli (.*) > log/", planned)
-    assert len(calls) == 13
+    assert len(calls) == 10
     stages = get_command(app)
     assert isinstance(stages, TyperGroup)
     for name, *arguments in map(shlex.split, calls):
@@ -169,13 +170,13 @@ def test_the_workflow_speaks_the_command_line_of_the_stages(tmp_path: Path) -> N
 
 def test_two_runs_in_one_folder_are_refused(tmp_path: Path) -> None:
     with locked(tmp_path), pytest.raises(RuntimeError, match="in use by another reproduce"):
-        reproduce(["GoToObj"], seeds=1, cores=1, out=tmp_path)
+        reproduce("stages", ["GoToObj"], seeds=1, cores=1, out=tmp_path)
 
 
 def test_a_folder_that_is_none_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(RuntimeError, match="can't be used"):
-        reproduce(["GoToObj"], seeds=1, cores=1, out=tmp_path / "file")
+        reproduce("stages", ["GoToObj"], seeds=1, cores=1, out=tmp_path / "file")
 
 
 @pytest.mark.parametrize(
@@ -183,7 +184,7 @@ def test_a_folder_that_is_none_is_refused(tmp_path: Path) -> None:
     [
         (["GoToTheMoon"], 1, 1, "GoToTheMoon"),
         (["GoToObj", "BossLevel"], 1, 1, "no entry GuideGrid-BossLevel-v0"),
-        ([], 1, 1, "at least one level"),
+        ([], 1, 1, "at least one to be named, such as GoToObj"),
         (["GoToObj"], 0, 1, "seeds is 0"),
         (["GoToObj"], 1, -1, "cores is -1"),
     ],
@@ -192,5 +193,5 @@ def test_wrong_arguments_are_refused_before_anything_is_made(
     levels: list[str], seeds: int, cores: int, message: str, tmp_path: Path
 ) -> None:
     with pytest.raises(ValueError, match=message):
-        reproduce(levels, seeds, cores, tmp_path / "run")
+        reproduce("stages", levels, seeds, cores, tmp_path / "run")
     assert not (tmp_path / "run").exists()

@@ -6,13 +6,14 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch as th
 import yaml
 
-from sb3_guide.cloning import load_demonstrations
+from sb3_guide.cloning import load_demonstrations, save_demonstrations
 from sb3_guide.experiments.stages import record
 from sb3_guide.experiments.stages.analyze import analyze
 from sb3_guide.experiments.stages.clone import clone
@@ -29,11 +30,22 @@ from sb3_guide.policies import (
     load_agent,
     save_agent,
 )
+from sb3_guide.policies.interventions import Silent
 from tests.policies.helpers import make_policy
 
 KEY = "GuideGrid-GoToObj-v0"
 PPO = {"policy": "LearnerPolicy", "n_envs": 4, "n_timesteps": 64 * 25, "n_steps": 16, "batch_size": 32, "n_epochs": 1}
-BC = {"validation_episodes": 4, "n_epochs": 3, "batch_size": 4, "learning_rate": 0.001, "ent_weight": 0.01}
+BC = {
+    "train_episodes": 10,
+    "validation_episodes": 4,
+    "analysis_episodes": 6,
+    "n_epochs": 3,
+    "validate_every": 1,
+    "validate_at": [0, 0.5],
+    "batch_size": 4,
+    "learning_rate": "lin_0.001",
+    "ent_weight": 0.01,
+}
 
 
 def write_config(path: Path, entry: dict) -> Path:
@@ -139,25 +151,29 @@ def test_a_guide_is_no_expert(tmp_path):
 
 def test_stage_two_and_three(demos, tmp_path):
     config = write_config(tmp_path / "bc.yml", BC)
-    shared = {"level": "GoToObj", "demos": demos, "seed": 0, "threads": 1, "resume": False, "config_file": config}
+    shared = {"level": "GoToObj", "demos": [demos], "seed": 0, "threads": 1, "resume": False, "config_file": config}
+    guide = str(tmp_path / "guide")
     clone("learner", out=tmp_path / "learner", **shared)
     clone("guide", out=tmp_path / "guide", **shared)
-    clone("guided", out=tmp_path / "guided", guide=tmp_path / "guide", **shared)
-    clone("guided", out=tmp_path / "frozen", guide=tmp_path / "guide", freeze_guide=True, **shared)
+    clone("guided", out=tmp_path / "guided", guide=guide, **shared)
+    clone("guided", out=tmp_path / "frozen", guide=guide, freeze_guide=True, **shared)
     guide = load_agent(tmp_path / "guide").channel.speaker.state_dict()
     frozen = load_agent(tmp_path / "frozen", RecurrentGuidedLearnerPolicy).channel.speaker.state_dict()
     tuned = load_agent(tmp_path / "guided").channel.speaker.state_dict()
     assert all(th.equal(guide[name], frozen[name]) for name in guide)
     assert not all(th.equal(guide[name], tuned[name]) for name in guide)
-    columns = {"epoch", "loss", "success_rate", "success_low", "success_high", "mean_length", "frames", "seconds"}
+    columns = {"epoch", "episodes", "loss", "success_rate", "mean_length", "seconds"}
     communication = {"cic", "uniform_cic", "message_entropy"}
     for agent in ("learner", "guide", "guided"):
         rows = read_table(tmp_path / agent / "progress.csv")
-        assert [float(row["epoch"]) for row in rows] == [1, 2, 3]
+        assert [float(row["epoch"]) for row in rows] == [0, 0.5, 1, 2, 3]
+        assert [int(row["episodes"]) for row in rows] == [0, 4, 8, 16, 24]
         assert rows[0].keys() == columns | (communication if agent != "learner" else set())
 
     evaluate(tmp_path / "guided", "GoToObj", 6, tmp_path / "evaluation.json", threads=1)
     found = json.loads((tmp_path / "evaluation.json").read_text())
+    by_clone = json.loads((tmp_path / "guided" / "evaluation.json").read_text())
+    assert found["successes"] == by_clone["successes"]
     assert found["episodes"] == 6
     assert found["low"] <= found["success_rate"] == found["successes"] / 6 <= found["high"]
 
@@ -167,6 +183,66 @@ def test_stage_two_and_three(demos, tmp_path):
     assert sum(map(sum, found["counts"])) == found["frames"]
     assert 0 <= found["cic"] <= found["message_entropy"]
     assert (tmp_path / "analysis" / "episode.gif").read_bytes().startswith(b"GIF89a")
+
+
+def test_controls(demos, tmp_path):
+    """A silent channel, an untrained Guide, a reader of a Guide's messages, and a Learner with a Guide's trunk."""
+    config = write_config(tmp_path / "bc.yml", BC | {"n_epochs": 1})
+    shared = {"level": "GoToObj", "demos": [demos], "seed": 0, "threads": 1, "resume": False, "config_file": config}
+    guide = tmp_path / "guide"
+    clone("guide", out=guide, **shared)
+    clone("guided", out=tmp_path / "silent", guide=str(guide), hears="silent", **shared)
+    clone("guided", out=tmp_path / "untrained", guide="untrained", **shared)
+    clone("guide", out=tmp_path / "reader", guide=str(guide), freeze_guide=True, **shared)
+    clone("learner", out=tmp_path / "transfer", init=guide, params=["learning_rate:0.0"], **shared)
+    silent = load_agent(tmp_path / "silent")
+    assert isinstance(silent.channel.intervention, Silent)
+    speaker = load_agent(guide).channel.speaker.state_dict()
+    for name, weight in load_agent(tmp_path / "reader", RecurrentGuidePolicy).channel.speaker.state_dict().items():
+        assert th.equal(weight, speaker[name])
+    for name, weight in load_agent(tmp_path / "transfer").network.state_dict().items():
+        assert th.equal(weight, speaker[name])
+    for name in ("silent", "untrained", "reader", "transfer"):
+        assert (tmp_path / name / "evaluation.json").exists()
+
+
+def test_levels_are_pooled(demos, tmp_path):
+    other = tmp_path / "other"
+    for split in ("train", "validation"):
+        demonstrations = load_demonstrations(demos / f"{split}.safetensors")
+        save_demonstrations(replace(demonstrations, level="GoToLocal"), other / f"{split}.safetensors")
+    config = tmp_path / "bc.yml"
+    config.write_text(yaml.safe_dump({KEY: BC, "GuideGrid-GoToLocal-v0": BC}))
+    shared = {"seed": 0, "threads": 1, "resume": False, "config_file": config}
+    clone("learner", "GoToObj+GoToLocal", [demos, other], tmp_path / "pooled", **shared)
+    rows = read_table(tmp_path / "pooled" / "progress.csv")
+    assert [int(row["episodes"]) for row in rows] == [0, 8, 20, 40, 60]  # of 20 in all
+    assert json.loads((tmp_path / "pooled" / "evaluation.json").read_text())["episodes"] == 12
+    with pytest.raises(ValueError, match="1 folders of demonstrations for 2 levels: expected one for each"):
+        clone("learner", "GoToObj+GoToLocal", [demos], tmp_path / "one", **shared)
+    config.write_text(yaml.safe_dump({KEY: BC, "GuideGrid-GoToLocal-v0": BC | {"n_epochs": 4}}))
+    with pytest.raises(ValueError, match=r"GoToObj\+GoToLocal are to be pooled but differ in their hyper-parameters"):
+        clone("learner", "GoToObj+GoToLocal", [demos, other], tmp_path / "two", **shared)
+
+
+def test_a_run_whose_settings_have_changed_runs_anew_and_says_so(demos, tmp_path, capsys):
+    config = write_config(tmp_path / "bc.yml", BC | {"n_epochs": 1})
+    shared = {"level": "GoToObj", "demos": [demos], "threads": 1, "resume": False, "renew": True, "config_file": config}
+    clone("learner", out=tmp_path / "out", seed=0, **shared)
+    clone("learner", out=tmp_path / "other", seed=1, **shared)
+    clone("learner", out=tmp_path / "out", seed=1, **shared)
+    assert "deleting" in (said := capsys.readouterr().err) or "deleted" in said
+    assert "(seed)" in said
+    assert equal(tmp_path / "out", tmp_path / "other")
+
+
+def test_a_run_knows_when_its_guide_has_changed(demos, tmp_path, capsys):
+    config = write_config(tmp_path / "bc.yml", BC | {"n_epochs": 1})
+    shared = {"level": "GoToObj", "demos": [demos], "threads": 1, "resume": False, "renew": True, "config_file": config}
+    for seed in (0, 1):
+        clone("guide", out=tmp_path / "guide", seed=seed, **shared)
+        clone("guided", out=tmp_path / "guided", seed=0, guide=str(tmp_path / "guide"), **shared)
+    assert "(made_from)" in capsys.readouterr().err
 
 
 def test_a_guide_by_reinforcement_learning_is_analysed(demos, tmp_path):
@@ -223,21 +299,33 @@ def test_a_callback_that_is_not_ours(tmp_path):
     [
         ({"agent": "teacher"}, "agent='teacher' is unknown: expected one of learner, guide, guided"),
         ({"agent": "guided"}, "a guided Learner needs a pretrained Guide: pass its folder with --guide"),
-        ({"agent": "learner", "guide": Path()}, "a learner hears no Guide"),
+        ({"agent": "learner", "guide": "somewhere"}, "a learner hears no Guide"),
+        ({"agent": "learner", "hears": "silent"}, "a learner hears no Guide"),
+        ({"agent": "guide", "freeze_guide": True}, "there is no Guide to freeze"),
+        ({"agent": "guide", "init": Path()}, "a guide starts from nothing: leave out --init"),
+        (
+            {"agent": "guided", "guide": "untrained", "hears": "whispers"},
+            "intervention 'whispers' is unknown: expected one of",
+        ),
+        (
+            {"agent": "learner", "params": ["epochs:1"]},
+            "--params epochs are unknown: expected NAME:VALUE of analysis_episodes",
+        ),
+        ({"agent": "learner", "params": ["train_episodes:11"]}, "train_episodes=11: expected 1 to 10"),
         ({"agent": "learner", "level": "GoToMars"}, "GoToMars"),
         ({"agent": "learner", "threads": 0}, "threads=0: expected at least 1"),
     ],
 )
 def test_wrong_arguments(arguments, message, demos, tmp_path):
     config = write_config(tmp_path / "bc.yml", BC)
-    usual = {"level": "GoToObj", "demos": demos, "seed": 0, "threads": 1, "resume": False, "config_file": config}
+    usual = {"level": "GoToObj", "demos": [demos], "seed": 0, "threads": 1, "resume": False, "config_file": config}
     with pytest.raises(ValueError, match=message):
         clone(out=tmp_path / "out", **{**usual, **arguments})
 
 
 def test_a_folder_holds_one_run(demos, tmp_path):
     config = write_config(tmp_path / "bc.yml", BC | {"n_epochs": 1})
-    shared = {"level": "GoToObj", "demos": demos, "out": tmp_path / "out", "threads": 1, "config_file": config}
+    shared = {"level": "GoToObj", "demos": [demos], "out": tmp_path / "out", "threads": 1, "config_file": config}
     clone("learner", seed=0, resume=False, **shared)
     written = (tmp_path / "out" / "run.json").read_text()
     clone("learner", seed=0, resume=True, **shared)
@@ -251,6 +339,6 @@ def test_a_folder_holds_one_run(demos, tmp_path):
 def test_demonstrations_of_another_level(demos, tmp_path):
     config = tmp_path / "bc.yml"
     config.write_text(yaml.safe_dump({"GuideGrid-GoToLocal-v0": BC}))
-    shared = {"demos": demos, "out": tmp_path / "out", "seed": 0, "threads": 1, "resume": False, "config_file": config}
+    shared = {"demos": [demos], "out": tmp_path / "out", "seed": 0, "threads": 1, "resume": False, "config_file": config}
     with pytest.raises(ValueError, match="holds demonstrations of GoToObj: expected GoToLocal"):
         clone("learner", level="GoToLocal", **shared)

@@ -1,0 +1,101 @@
+"""Conditions and studies as data."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from sb3_guide.experiments.stages.clone import AGENTS, guide_kwargs
+from sb3_guide.experiments.workflow.conditions import Run, load_catalogue
+
+
+def write(path: Path, **content: object) -> Path:
+    path.write_text(yaml.safe_dump(content))
+    return path
+
+
+def test_every_packaged_run_can_be_run() -> None:
+    catalogue = load_catalogue()
+    for study in catalogue.studies:
+        runs = catalogue.runs(study, ["GoToObj"] if study == "stages" else [])
+        for place, run in enumerate(runs):
+            condition = catalogue.conditions[run.condition]
+            assert all(run.source(reference) in runs[:place] for reference in condition.references())
+            guide = "untrained" if condition.guide else None
+            assert guide_kwargs(condition.agent, guide, condition.freeze_guide, condition.hears).keys() <= {
+                *("guide", "freeze_guide", "hears")
+            }
+            assert condition.init is None or condition.agent == "learner"
+    assert {condition.agent for condition in catalogue.conditions.values()} == AGENTS.keys()
+
+
+def test_a_run_in_words_of_the_command_line() -> None:
+    catalogue = load_catalogue()
+    assert catalogue.options(Run("GoToLocal", 3, "silent")) == [
+        *("--agent", "guided", "--guide", "GoToLocal/seed3/guide", "--hears", "silent")
+    ]
+    assert catalogue.options(Run("PickupLoc", 0, "guided-by-all")) == [
+        *("--agent", "guided", "--guide", "GoToLocal+PickupLoc+PutNextLocal/seed0/guide")
+    ]
+    assert catalogue.options(Run("PickupLoc", 1, "pretrained-on-GoToLocal"))[2:] == ["--init", "GoToLocal/seed1/learner"]
+    assert catalogue.options(Run("GoToObj", 1, "reader")) == [
+        *("--agent", "guide", "--guide", "GoToObj/seed1/guide", "--freeze-guide")
+    ]
+
+
+def test_levels_and_seeds_select() -> None:
+    runs = load_catalogue().runs("curriculum", ["GuideGrid-PickupLoc-v0"], seeds=2)
+    assert {run.level for run in runs if run.condition.startswith("guided")} == {"PickupLoc"}
+    assert {run.level for run in runs} == {"GoToLocal", "PickupLoc", "PutNextLocal"}  # where Guides and Learners come from
+    assert {run.seed for run in runs} == {0, 1}
+
+
+def test_a_study_of_ones_own(tmp_path: Path) -> None:
+    late = {"agent": "guided", "guide": "guide", "hears": "delayed"}
+    study = {"grids": [{"levels": ["GoToObj"], "conditions": ["late"], "seeds": 2}]}
+    catalogue = load_catalogue(write(tmp_path / "mine.yml", conditions={"late": late}, studies={"mine": study}))
+    assert catalogue.runs("mine") == [
+        *(Run("GoToObj", 0, "guide"), Run("GoToObj", 0, "late"), Run("GoToObj", 1, "guide"), Run("GoToObj", 1, "late"))
+    ]
+    assert "intra" in catalogue.studies
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({"conditions": {"x": {"agent": "teacher"}}}, "agent 'teacher' is unknown: expected one of learner, guide, guided"),
+        (
+            {"conditions": {"x": {"agent": "guided", "hears": "well"}}},
+            "intervention 'well' is unknown: expected one of spoken",
+        ),
+        ({"conditions": {"x": {"agent": "guided", "guide": "tour"}}}, "condition 'tour' is unknown: expected one of learner"),
+        ({"conditions": {"x": {"agent": "learner", "pupil": 1}}}, "unexpected keyword argument 'pupil'"),
+        ({"studies": {"x": {"grids": [{"conditions": ["tour"], "seeds": 1}]}}}, "condition 'tour' is unknown"),
+        ({"studies": {"x": {}}}, "no usable conditions and studies: 'grids'"),
+    ],
+)
+def test_what_is_no_condition(content: dict[str, object], message: str, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=message):
+        load_catalogue(write(tmp_path / "mine.yml", **content))
+
+
+@pytest.mark.parametrize(
+    ("study", "levels", "seeds", "message"),
+    [
+        ("extra", [], None, "study 'extra' is unknown: expected one of stages, intra"),
+        ("intra", [], 0, "The number of seeds is 0: expected at least 1"),
+        ("multilevel", ["GoToObj"], None, "study 'multilevel' has no GoToObj: expected GoToLocal, PickupLoc, PutNextLocal"),
+        ("stages", ["BossLevel"], None, "no entry GuideGrid-BossLevel-v0"),
+        ("stages", ["GoToMars"], None, "GoToMars"),
+    ],
+)
+def test_wrong_questions(study: str, levels: list[str], seeds: int | None, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        load_catalogue().runs(study, levels, seeds)
+
+
+def test_a_level_without_a_shipped_expert(tmp_path: Path) -> None:
+    study = {"grids": [{"levels": ["PutNextLocal", "Open"], "conditions": ["learner"], "seeds": 1}]}
+    catalogue = load_catalogue(write(tmp_path / "mine.yml", studies={"mine": study}))
+    with pytest.raises(ValueError, match="Open"):
+        catalogue.runs("mine")
