@@ -9,6 +9,8 @@ import torch as th
 from imitation.algorithms import bc
 from imitation.data.types import DictObs
 from imitation.util import logger as imitation_logger
+from sb3_contrib.common.recurrent.policies import RecurrentActorCriticPolicy
+from stable_baselines3.common.distributions import Distribution
 
 from sb3_guide.cloning.demonstrations import Demonstrations, check_space
 from sb3_guide.cloning.episodes import Episodes
@@ -68,16 +70,17 @@ class EpisodeLoss:
     ent_weight: float
     generator: th.Generator
 
-    def __call__(self, policy: AgentPolicy, obs: Mapping[str, th.Tensor], acts: th.Tensor) -> bc.BCTrainingMetrics:
+    def __call__(
+        self, policy: RecurrentActorCriticPolicy, obs: Mapping[str, th.Tensor], acts: th.Tensor
+    ) -> bc.BCTrainingMetrics:
         """
         :param policy: with carried memory
         :param obs: "image" (B, T, 7, 7, 3), "mission" (B, 72) and "length" (B,)
         :param acts: (B, T)
         """
         valid = th.arange(acts.shape[1], device=acts.device) < obs["length"].unsqueeze(1)
-        memory = policy.network.remember(Sequences(obs["image"][valid], obs["mission"], obs["length"]))
-        scene = scene_of(memory, obs["length"])
-        distribution = policy.action_distribution(policy.network.latent(memory, scene, self.generator))
+        sequences = Sequences(obs["image"][valid], obs["mission"], obs["length"])
+        distribution = distribution_along(policy, sequences, valid, self.generator)
         log_prob, entropy = distribution.log_prob(acts[valid]), distribution.entropy()
         assert entropy is not None  # of a categorical distribution
         neglogp, mean_entropy = -log_prob.mean(), entropy.mean()
@@ -93,8 +96,31 @@ class EpisodeLoss:
         )
 
 
+def distribution_along(
+    policy: RecurrentActorCriticPolicy, sequences: Sequences, valid: th.Tensor, generator: th.Generator
+) -> Distribution:
+    """
+    :param policy: ours, or any other of sb3-contrib's recurrent policies
+    :param sequences: B whole episodes of K frames in all
+    :param valid: (B, T) where there is a frame
+    :param generator: of the messages' noise
+    :return: distribution of the actions at the K frames
+    """
+    if isinstance(policy, AgentPolicy):
+        memory = policy.network.remember(sequences)
+        scene = scene_of(memory, sequences.lengths)
+        return policy.action_distribution(policy.network.latent(memory, scene, generator))
+    missions = sequences.missions.repeat_interleave(sequences.lengths, dim=0)
+    features = policy.extract_features({"image": sequences.images, "mission": missions})  # type: ignore[arg-type]
+    of_actor = features if policy.share_features_extractor else features[0]  # (K, features_dim)
+    padded = of_actor.new_zeros(*valid.shape, of_actor.shape[1])
+    padded[valid] = of_actor
+    output, _ = policy.lstm_actor(padded.transpose(0, 1))  # from nothing: (T, B, hidden)
+    return policy._get_action_dist_from_latent(policy.mlp_extractor.forward_actor(output.transpose(0, 1)[valid]))
+
+
 def episode_bc(
-    policy: AgentPolicy,
+    policy: RecurrentActorCriticPolicy,
     demonstrations: Demonstrations,
     *,
     batch_size: int,
@@ -106,7 +132,7 @@ def episode_bc(
     """
     imitation's BC, set up to clone whole episodes (paper section 3.3).
 
-    :param policy: with carried memory; it is trained in place
+    :param policy: with carried memory, one of ours or any of sb3-contrib's recurrent ones; it is trained in place
     :param demonstrations: of a level with the policy's observation space
     :param batch_size: episodes in a batch
     :param learning_rate: of Adam, whose other settings are the paper's (Table A.2)
@@ -116,10 +142,12 @@ def episode_bc(
     :return: the algorithm and its loader, whose ``epoch`` is to be counted up after each epoch
     :raises ValueError: if the demonstrations are of another observation space or fewer than a batch, or the memory is a window
     """
-    if not policy.carries_memory:
+    if isinstance(policy, AgentPolicy) and not policy.carries_memory:
         raise ValueError(
             f"{type(policy).__name__} remembers windows: expected Recurrent{type(policy).__name__} to clone episodes"
         )
+    if not isinstance(policy, RecurrentActorCriticPolicy):
+        raise ValueError(f"{type(policy).__name__} has no memory: expected a recurrent policy, ours or sb3-contrib's")
     check_space(demonstrations, policy.observation_space)  # type: ignore[arg-type]
     loader = EpisodeLoader(demonstrations.episodes, batch_size, seed)
     algorithm = bc.BC(

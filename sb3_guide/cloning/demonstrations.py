@@ -122,6 +122,8 @@ def check_space(demonstrations: Demonstrations, observation_space: spaces.Dict) 
     :param observation_space: of the agent
     :raises ValueError: if the agent could not have seen these observations
     """
+    if not isinstance(observation_space, spaces.Dict) or set(observation_space.spaces) != {"image", "mission"}:
+        raise ValueError(f"the agent observes {observation_space}: expected image and mission alone, as with history=0")
     for name, values in (("image", demonstrations.episodes.images), ("mission", demonstrations.episodes.missions)):
         space = observation_space[name]
         assert isinstance(space, spaces.Box)
