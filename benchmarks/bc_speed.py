@@ -1,0 +1,146 @@
+"""
+How fast whole episodes are cloned: our three agents beside stock imitation, which clones single frames with window memory.
+
+    sb3-guide record --level GoToLocal --expert pretrained --split train --episodes 2000 --out runs/bc_speed/train.safetensors
+    python -m benchmarks.bc_speed --demos runs/bc_speed/train.safetensors --out docs/results/bc_speed.json
+
+Each is a process of its own with one thread: an epoch to warm up, then one that is timed. Prints frames/s, the ratio to stock
+imitation, and the peak of memory. Beside them stands the speed of matrix multiplications in the same process, in GFLOP/s.
+"""
+
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import torch as th
+import typer
+from gymnasium import spaces
+from imitation.algorithms import bc
+from imitation.data.types import DictObs
+from imitation.util.logger import HierarchicalLogger
+from stable_baselines3.common.logger import Logger
+
+from benchmarks.versions import versions
+from sb3_guide.cloning import load_demonstrations
+from sb3_guide.cloning.bc import episode_bc
+from sb3_guide.cloning.demonstrations import Demonstrations
+from sb3_guide.envs import ACTIONS, DEFAULT_HISTORY, observation_space
+from sb3_guide.experiments.stages.runs import use_threads
+from sb3_guide.policies import (
+    AgentPolicy,
+    LearnerPolicy,
+    PretrainedGuide,
+    RecurrentGuidedLearnerPolicy,
+    RecurrentGuidePolicy,
+    RecurrentLearnerPolicy,
+)
+from sb3_guide.policies.folder import read_json, write_json
+
+STOCK, FRAMES = "stock imitation", 2048  # in a batch of transitions
+AGENTS: dict[str, tuple[type[AgentPolicy], dict[str, Any]]] = {
+    STOCK: (LearnerPolicy, {}),
+    "learner": (RecurrentLearnerPolicy, {}),
+    "guide": (RecurrentGuidePolicy, {}),
+    "guided": (RecurrentGuidedLearnerPolicy, {"guide": PretrainedGuide.untrained()}),
+}
+SETTINGS: dict[str, Any] = {"custom_logger": HierarchicalLogger(Logger(folder=None, output_formats=[]))}
+
+
+def transitions(demonstrations: Demonstrations) -> list[dict[str, Any]]:
+    """:return: batches of single frames with the images before them, in an order of their own"""
+    episodes = demonstrations.episodes
+    frame = np.arange(len(episodes.actions))
+    first = np.repeat(episodes.offsets[:-1], episodes.lengths)
+    before = frame[:, None] + np.arange(-DEFAULT_HISTORY, 0)  # (F, history)
+    history = episodes.images[before.clip(min=0)] * (before >= first[:, None])[..., None, None, None]
+    missions = np.repeat(episodes.missions, episodes.lengths, axis=0)
+    order = np.random.default_rng(0).permutation(len(frame) // FRAMES * FRAMES).reshape(-1, FRAMES)
+    return [
+        {
+            "obs": DictObs({"image": episodes.images[rows], "mission": missions[rows], "history": history[rows]}),
+            "acts": episodes.actions[rows].astype(np.int64),
+        }
+        for rows in order
+    ]
+
+
+def trainer(agent: str, demonstrations: Demonstrations, batch_size: int) -> tuple[Callable[[], None], int]:
+    """:return: what trains an epoch, and how many frames that has"""
+    kind, kwargs = AGENTS[agent]
+    space = observation_space(DEFAULT_HISTORY if agent == STOCK else 0)
+    policy = kind(space, spaces.Discrete(len(ACTIONS)), lambda _: 1e-3, ortho_init=False, **kwargs)
+    if agent == STOCK:
+        batches = transitions(demonstrations)
+        algorithm = bc.BC(
+            observation_space=space,
+            action_space=policy.action_space,
+            rng=np.random.default_rng(0),
+            policy=policy,
+            demonstrations=batches,
+            batch_size=FRAMES,
+            **SETTINGS,
+        )
+        frames = len(batches) * FRAMES
+    else:
+        settings = {"batch_size": batch_size, "learning_rate": 1e-3, "ent_weight": 0.01, "seed": 0}
+        algorithm, loader = episode_bc(policy, demonstrations, logger=SETTINGS["custom_logger"], **settings)
+        frames = sum(int(batch["obs"].get("length").sum()) for batch in loader)
+    return lambda: algorithm.train(n_epochs=1, progress_bar=False), frames
+
+
+def gigaflops() -> float:
+    """:return: of multiplying square matrices, the best of ten"""
+    matrix, times = th.randn(1024, 1024), []
+    for _ in range(10):
+        start = time.perf_counter()
+        matrix @ matrix
+        times.append(time.perf_counter() - start)
+    return 2 * 1024**3 / min(times) / 1e9
+
+
+def measure(agent: str, demos: Path, batch_size: int, out: Path) -> None:
+    """Measure one agent in this process."""
+    use_threads(1)
+    epoch, frames = trainer(agent, load_demonstrations(demos), batch_size)
+    epoch()
+    start = time.perf_counter()
+    epoch()
+    seconds = time.perf_counter() - start
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    write_json(
+        out,
+        {"agent": agent, "frames_per_second": round(frames / seconds), "peak_mb": round(peak), "gflops": round(gigaflops())},
+    )
+
+
+def main(
+    demos: Annotated[Path, typer.Option(help="File of demonstrations.")],
+    out: Annotated[Path, typer.Option(help="JSON file for the result.")],
+    batch_size: Annotated[int, typer.Option(help="Episodes in a batch.")] = 32,
+    agent: Annotated[str, typer.Option(help="Measure this one only, in this process.")] = "",
+) -> None:
+    """Measure every agent and print the table."""
+    if agent:
+        measure(agent, demos, batch_size, out)
+        return
+    rows = []
+    print("| agent | frames/s | times stock imitation | peak memory, MB | matmul, GFLOP/s |\n|---|---|---|---|---|")
+    for name in AGENTS:
+        options = ["--demos", str(demos), "--out", str(out), "--batch-size", str(batch_size), "--agent", name]
+        subprocess.run([sys.executable, "-m", "benchmarks.bc_speed", *options], check=True)
+        row = read_json(out)
+        rows.append({**row, "ratio": round(row["frames_per_second"] / (rows or [row])[0]["frames_per_second"], 2)})
+        print(
+            f"| {name} | {row['frames_per_second']:,} | {rows[-1]['ratio']:.2f} | {row['peak_mb']:,} | {row['gflops']} |",
+            flush=True,
+        )
+    write_json(out, {"demos": str(demos), "batch_size": batch_size, "agents": rows, "versions": versions()})
+
+
+if __name__ == "__main__":
+    typer.run(main)
