@@ -3,8 +3,8 @@ What the study of section 4.1 would take at the paper's size: its demonstrations
 
     python -m benchmarks.grid_cost --speed docs/results/bc_speed.json
 
-Takes the measured frames/s of one core for each agent; validations come on top. A chain is a Guide and then a guided Learner, which
-no number of cores makes shorter.
+Takes the measured frames/s of one core for each agent; validations come on top. A chain, of a Guide and a guided Learner, is
+what no number of cores makes shorter.
 """
 
 from pathlib import Path
