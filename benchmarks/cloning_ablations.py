@@ -15,14 +15,14 @@ import typer
 from gymnasium import spaces
 from imitation.util.logger import HierarchicalLogger
 from stable_baselines3.common.logger import Logger
-from stable_baselines3.common.utils import set_random_seed
+from stable_baselines3.common.utils import get_schedule_fn, set_random_seed
 from torch import nn
 from tqdm import tqdm
 
 from sb3_guide.cloning import Validation, load_demonstrations, mission_seeds
 from sb3_guide.cloning.bc import episode_bc
 from sb3_guide.envs import ACTIONS, observation_space
-from sb3_guide.experiments.stages.configs import load_config
+from sb3_guide.experiments.stages.configs import algorithm_arguments, load_config
 from sb3_guide.policies import AgentPolicy, RecurrentGuidePolicy, RecurrentLearnerPolicy
 
 EPOCHS = (5, 10, 20)
@@ -62,11 +62,12 @@ def success_rates(
     """:return: success rate after each of the EPOCHS"""
     train, validation = (load_demonstrations(demos / f"{split}.safetensors") for split in ("train", "validation"))
     config = load_config("bc", train.level)
+    learning_rate = get_schedule_fn(algorithm_arguments(config)["learning_rate"])(1)
     set_random_seed(seed)
     space, actions = observation_space(history=0), spaces.Discrete(len(ACTIONS))
-    policy = policy_class(space, actions, lambda _: config["learning_rate"], ortho_init=ortho_init)
+    policy = policy_class(space, actions, lambda _: learning_rate, ortho_init=ortho_init)
     change(policy)
-    settings = {name: config[name] for name in ("batch_size", "learning_rate", "ent_weight")}
+    settings = {"batch_size": config["batch_size"], "learning_rate": learning_rate, "ent_weight": config["ent_weight"]}
     silent = HierarchicalLogger(Logger(folder=None, output_formats=[]))
     algorithm, loader = episode_bc(policy, train, seed=seed, logger=silent, **settings)
     metrics, rates = Validation(policy, mission_seeds("validation", 200), [validation]), []
