@@ -23,6 +23,7 @@ class Scene(NamedTuple):
     before: Callable[[], th.Tensor]
 
 
+@dataclass(frozen=True)
 class Intervention:
     """The message is heard as it was spoken. Others override :meth:`__call__`."""
 
