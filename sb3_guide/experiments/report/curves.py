@@ -37,10 +37,10 @@ def draw_curves(study: Study, levels: Sequence[str], conditions: Sequence[str], 
     rows = -(-len(levels) // PANELS_A_ROW)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(PANEL[0] * columns, PANEL[1] * rows + 0.5), layout="constrained")
-        panels = figure.subplots(rows, columns, squeeze=False, sharey=True).flat
+        panels = list(figure.subplots(rows, columns, squeeze=False, sharey=True).flat)
         for axes, level in zip(panels, levels, strict=False):
             draw_level(axes, study, level, conditions, epochs)
-        for axes in list(panels)[len(levels) :]:
+        for axes in panels[len(levels) :]:
             axes.set_axis_off()
         lines = {str(line.get_label()): line for axes in figure.axes for line in axes.get_lines()}
         shown = [condition for condition in conditions if condition in lines]
