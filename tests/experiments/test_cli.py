@@ -6,8 +6,9 @@ import sys
 import pytest
 from typer.testing import CliRunner
 
-from sb3_guide.experiments.cli import app
+from sb3_guide.experiments.cli import Hears, app
 from sb3_guide.experiments.stages.configs import load_config
+from sb3_guide.policies.interventions import INTERVENTIONS
 
 COMMANDS = ("expert", "record", "clone", "evaluate", "analyze", "reproduce")
 
@@ -62,3 +63,7 @@ def test_configs_that_cannot_be_read(tmp_path):
         (tmp_path / "some.yml").write_text(content)
         with pytest.raises(ValueError, match=message):
             load_config("ppo", "GoToObj", tmp_path / "some.yml")
+
+
+def test_every_intervention_with_a_name_can_be_heard() -> None:
+    assert [hears.value for hears in Hears] == list(INTERVENTIONS)

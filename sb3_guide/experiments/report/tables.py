@@ -71,7 +71,10 @@ def merge(path: Path, rows: list[dict[str, Any]]) -> None:
     :param path: of a table, which need not exist
     :param rows: that replace those of the same level, condition and seed
     """
-    key = lambda row: (row["level"], row["condition"], int(row["seed"]))  # noqa: E731
+
+    def key(row: dict[str, Any]) -> tuple[str, str, int]:
+        return row["level"], row["condition"], int(row["seed"])
+
     new = {key(row) for row in rows}
     kept = [row for row in (read_table(path) if path.exists() else []) if key(row) not in new]
     write_table(path, sorted([*kept, *rows], key=key))

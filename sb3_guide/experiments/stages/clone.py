@@ -94,18 +94,30 @@ def clone(
         use_threads(threads)
         set_random_seed(seed)
         train, validation = (demonstrations_of(names, demos, split) for split in ("train", "validation"))
-        policy = AGENTS[agent](
-            observation_space(history=0),
-            spaces.Discrete(len(ACTIONS)),
-            get_schedule_fn(algorithm_arguments(config)["learning_rate"]),
-            **policy_kwargs,
-            **config.get("policy_kwargs", {}),
-        )
-        if init is not None:
-            start_from(policy, init)
+        policy = build(agent, config, policy_kwargs, init)
         Cloning(policy, [part.first(config["train_episodes"]) for part in train], validation, out, seed, config, run).train()
         save_agent(policy, out, join_levels(names))
         evaluate(out, join_levels(names), config["analysis_episodes"], out / "evaluation.json", threads)
+
+
+def build(agent: str, config: dict[str, Any], policy_kwargs: dict[str, Any], init: Path | None) -> AgentPolicy:
+    """
+    :param agent: a key of AGENTS
+    :param config: the level's entry of bc.yml
+    :param policy_kwargs: what the policy is to know of a Guide
+    :param init: folder of the agent to start from
+    :return: the policy, not yet trained
+    """
+    policy = AGENTS[agent](
+        observation_space(history=0),
+        spaces.Discrete(len(ACTIONS)),
+        get_schedule_fn(algorithm_arguments(config)["learning_rate"]),
+        **policy_kwargs,
+        **config.get("policy_kwargs", {}),
+    )
+    if init is not None:
+        start_from(policy, init)
+    return policy
 
 
 def guide_kwargs(agent: str, guide: str | None, freeze_guide: bool, hears: str) -> dict[str, Any]:
