@@ -45,7 +45,7 @@ def draw_curves(study: Study, levels: Sequence[str], conditions: Sequence[str], 
         lines = {str(line.get_label()): line for axes in figure.axes for line in axes.get_lines()}
         shown = [condition for condition in conditions if condition in lines]
         handles = [lines[condition] for condition in shown]
-        figure.legend(handles, shown, loc="outside lower center", ncols=min(len(shown), 5), frameon=False)
+        figure.legend(handles, shown, loc="outside lower center", ncols=min(len(shown), 2 * columns - 1), frameon=False)
         partial = path.with_name(f"{path.name}.partial")
         figure.savefig(partial, format="png", dpi=130, metadata={"Software": None})
         partial.replace(path)
