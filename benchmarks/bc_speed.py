@@ -31,6 +31,7 @@ from sb3_guide.cloning.bc import episode_bc
 from sb3_guide.cloning.demonstrations import Demonstrations
 from sb3_guide.envs import ACTIONS, DEFAULT_HISTORY, observation_space
 from sb3_guide.experiments.stages.runs import use_threads
+from sb3_guide.files import read_json, write_json
 from sb3_guide.policies import (
     AgentPolicy,
     LearnerPolicy,
@@ -39,7 +40,6 @@ from sb3_guide.policies import (
     RecurrentGuidePolicy,
     RecurrentLearnerPolicy,
 )
-from sb3_guide.policies.folder import read_json, write_json
 
 STOCK, FRAMES = "stock imitation", 2048  # in a batch of transitions
 AGENTS: dict[str, tuple[type[AgentPolicy], dict[str, Any]]] = {

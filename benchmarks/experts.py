@@ -20,8 +20,9 @@ from sb3_guide.cloning import mission_seeds, play
 from sb3_guide.envs import bot
 from sb3_guide.experiments.stages.expert import ALGORITHMS
 from sb3_guide.experiments.stages.statistics import wilson_interval
+from sb3_guide.files import read_json, write_json
 from sb3_guide.policies import AgentPolicy, load_agent
-from sb3_guide.policies.folder import AGENT, package_versions, read_json, write_json
+from sb3_guide.policies.folder import AGENT, package_versions
 
 CARD = """# Expert for {level}
 

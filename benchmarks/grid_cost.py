@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 
-from sb3_guide.policies.folder import read_json
+from sb3_guide.files import read_json
 
 LEVELS = {  # demonstrations, frames in each, epochs
     "GoToObj": (1_000, 5.1, 20),

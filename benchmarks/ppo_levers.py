@@ -19,7 +19,8 @@ from sb3_guide.callbacks.success import EpisodeSuccesses
 from sb3_guide.experiments.stages.configs import load_config
 from sb3_guide.experiments.stages.expert import ALGORITHMS, build
 from sb3_guide.experiments.stages.runs import use_threads
-from sb3_guide.policies.folder import package_versions, write_json
+from sb3_guide.files import write_json
+from sb3_guide.policies.folder import package_versions
 
 VARIANTS: dict[str, dict[str, Any]] = {
     "as shipped": {},

@@ -29,8 +29,9 @@ from sb3_guide.envs import GuideGridVecEnv, level_of, observation_space
 from sb3_guide.envs.spaces import DEFAULT_HISTORY
 from sb3_guide.envs.vocabulary import encode
 from sb3_guide.experiments.stages.configs import algorithm_arguments, load_config
+from sb3_guide.files import write_json
 from sb3_guide.policies import FiLMExtractor
-from sb3_guide.policies.folder import package_versions, write_json
+from sb3_guide.policies.folder import package_versions
 from sb3_guide.policies.sizes import size_of
 
 

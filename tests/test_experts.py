@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 from sb3_guide import experts, load_expert
 from sb3_guide.cloning import load_demonstrations, mission_seeds, play
 from sb3_guide.experiments.cli import app
+from sb3_guide.files import read_json
 from sb3_guide.policies import load_agent
-from sb3_guide.policies.folder import read_json
 
 SHIPPED = sorted(path.parent.name for path in experts.FOLDER.glob("*/agent.json"))
 

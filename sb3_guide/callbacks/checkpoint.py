@@ -1,6 +1,5 @@
 """Training that survives being killed: everything that the next step depends on, in one file."""
 
-import os
 import random
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -15,6 +14,7 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecMonitor
 
 from sb3_guide.callbacks.success import EpisodeSuccesses
+from sb3_guide.files import atomically
 
 COUNTERS = ("num_timesteps", "_episode_num", "_n_updates", "_current_progress_remaining")
 MONITORED = ("episode_returns", "episode_lengths")  # of VecMonitor, in the midst of episodes
@@ -66,9 +66,8 @@ def save_state(path: Path, state: dict[str, Any]) -> None:
     :param state: dicts, lists, tuples, numbers, strings and tensors only
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f"{path.name}.partial")
-    th.save(state, partial)
-    os.replace(partial, path)
+    with atomically(path) as partial:
+        th.save(state, partial)
 
 
 def load_state(path: Path) -> dict[str, Any]:

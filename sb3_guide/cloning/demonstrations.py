@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
 from sb3_guide.cloning.episodes import Episodes, concatenate
+from sb3_guide.files import atomically
 
 FORMAT = "sb3-guide demonstrations 1"
 
@@ -87,10 +87,9 @@ def save_demonstrations(demonstrations: Demonstrations, path: str | Path) -> Non
         "provenance": json.dumps(demonstrations.provenance),
         "sha256": checksum(demonstrations.episodes),
     }
-    partial = path.with_name(f"{path.name}.partial")
     arrays = {name: np.ascontiguousarray(array) for name, array in demonstrations.episodes.arrays().items()}
-    save_file(arrays, partial, metadata=metadata)
-    os.replace(partial, path)
+    with atomically(path) as partial:
+        save_file(arrays, partial, metadata=metadata)
 
 
 def load_demonstrations(path: str | Path) -> Demonstrations:

@@ -11,7 +11,7 @@ from sb3_guide.experiments.report.summary import summarise
 from sb3_guide.experiments.report.tables import write_tables
 from sb3_guide.experiments.workflow.conditions import load_catalogue
 from sb3_guide.experiments.workflow.running import locked, run_workflow
-from sb3_guide.policies.folder import write_json
+from sb3_guide.files import write_json
 
 STAGES = "stages"  # the study that has a page of its own
 

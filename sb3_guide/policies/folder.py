@@ -1,7 +1,5 @@
 """An agent on disk: a folder with network.safetensors and agent.json."""
 
-import json
-import os
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -10,6 +8,8 @@ from typing import Any
 import torch as th
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
+
+from sb3_guide.files import atomically, read_json, write_json
 
 FORMAT = 1
 NETWORK, AGENT = "network.safetensors", "agent.json"
@@ -51,33 +51,9 @@ def write_agent(folder: str | Path, description: Description, weights: dict[str,
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    partial = folder / f"{NETWORK}.partial"
-    save_file({name: weight.detach().cpu().contiguous() for name, weight in weights.items()}, partial)
-    os.replace(partial, folder / NETWORK)
+    with atomically(folder / NETWORK) as partial:
+        save_file({name: weight.detach().cpu().contiguous() for name, weight in weights.items()}, partial)
     write_json(folder / AGENT, asdict(description))
-
-
-def write_json(path: Path, content: Any) -> None:
-    """
-    Write a file atomically.
-
-    :param path: where
-    :param content: what, as JSON
-    """
-    partial = path.with_name(f"{path.name}.partial")
-    partial.write_text(json.dumps(content, indent=2) + "\n")
-    os.replace(partial, path)
-
-
-def read_json(path: Path) -> Any:
-    """
-    :param path: of a JSON file
-    :raises ValueError: if it is none
-    """
-    try:
-        return json.loads(path.read_text())
-    except ValueError as error:
-        raise ValueError(f"{path} is no JSON: {error}") from error
 
 
 def read_agent(folder: str | Path) -> tuple[Description, dict[str, th.Tensor]]:

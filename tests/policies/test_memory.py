@@ -1,5 +1,8 @@
 """The memory LSTM over sequences of different lengths."""
 
+from unittest.mock import patch
+
+import pytest
 import torch as th
 from hypothesis import given
 from hypothesis import strategies as st
@@ -7,18 +10,28 @@ from hypothesis import strategies as st
 from sb3_guide.policies.memory import FEW, Memory, similar
 
 
-@given(st.lists(st.integers(1, 200), min_size=1, max_size=2 * FEW))
+@given(st.lists(st.integers(1, 200), min_size=FEW + 1, max_size=2 * FEW))
 def test_groups_of_similar_sequences(lengths):
     groups = similar(th.tensor(lengths))
-    assert len(groups) == 1 or len(lengths) > FEW
     assert sorted(th.cat(groups).tolist()) == list(range(len(lengths)))
-    for rows in groups if len(lengths) > FEW else []:
+    for rows in groups:
         longest = max(lengths[row] for row in rows)
         assert all(2 * lengths[row] > longest for row in rows)
 
 
-@given(st.lists(st.integers(1, 20), min_size=1, max_size=6), st.integers(0, 2**31))
-def test_each_sequence_is_remembered_as_if_it_were_alone(lengths, seed):
+@given(st.lists(st.integers(1, 200), min_size=1, max_size=FEW))
+def test_a_few_sequences_are_one_group(lengths):
+    assert [rows.tolist() for rows in similar(th.tensor(lengths))] == [list(range(len(lengths)))]
+
+
+@pytest.mark.parametrize("few", [0, FEW], ids=["grouped", "in one group"])
+@given(lengths=st.lists(st.integers(1, 20), min_size=1, max_size=6), seed=st.integers(0, 2**31))
+def test_each_sequence_is_remembered_as_if_it_were_alone(few, lengths, seed):
+    with patch("sb3_guide.policies.memory.FEW", few):
+        compare_with_alone(lengths, seed)
+
+
+def compare_with_alone(lengths, seed):
     th.manual_seed(seed)
     memory, features, frames = Memory(3, 4), th.randn(5, 3, requires_grad=True), sum(lengths)
     position, weight = th.randint(5, (frames,)), th.randn(frames, 4)

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, PercentFormatter
 
 from sb3_guide.experiments.report.study import Study
+from sb3_guide.files import atomically
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8c6d31", "#999999")  # Okabe and Ito
 STYLE: dict[Any, Any] = {
@@ -46,9 +47,8 @@ def draw_curves(study: Study, levels: Sequence[str], conditions: Sequence[str], 
         shown = [condition for condition in conditions if condition in lines]
         handles = [lines[condition] for condition in shown]
         figure.legend(handles, shown, loc="outside lower center", ncols=min(len(shown), 2 * columns - 1), frameon=False)
-        partial = path.with_name(f"{path.name}.partial")
-        figure.savefig(partial, format="png", dpi=130, metadata={"Software": None})
-        partial.replace(path)
+        with atomically(path) as partial:
+            figure.savefig(partial, format="png", dpi=130, metadata={"Software": None})
 
 
 def draw_level(axes: Axes, study: Study, level: str, conditions: Sequence[str], epochs: int | None) -> None:

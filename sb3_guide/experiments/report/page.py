@@ -1,7 +1,6 @@
 """The report of a run: one HTML file that holds its figures, and needs neither network nor JavaScript."""
 
 import io
-import os
 import re
 from base64 import b64encode
 from pathlib import Path
@@ -14,8 +13,8 @@ from PIL import Image
 
 from sb3_guide.experiments.report.figures import GUIDE, GUIDED, action_figure, influence_figure, success_figure
 from sb3_guide.experiments.report.findings import early_finding, influence_finding, nats, percent, signed, training_finding
+from sb3_guide.files import read_json, write_text
 from sb3_guide.metrics import conditional
-from sb3_guide.policies.folder import read_json
 
 AGENTS = {"expert": "Expert", "learner": "Learner", "guide": "Guide", "guided": "Guided Learner"}
 SPEAKERS = {"guide": ("Guide after stage 2", GUIDE), "guided": ("Guided Learner after stage 3", GUIDED)}
@@ -55,9 +54,7 @@ def write_report(folder: Path, summary: dict[str, Any], command: str) -> None:
         command=command,
         versions=blocks[0]["versions"],
     )
-    partial = folder / "report.html.partial"
-    partial.write_text(page, encoding="utf-8")
-    os.replace(partial, folder / "report.html")
+    write_text(folder / "report.html", page)
 
 
 def level_content(folder: Path, block: dict[str, Any]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from scipy.stats import linregress
 
 from sb3_guide.experiments.stages.runs import read_table
 from sb3_guide.experiments.stages.statistics import wilson_interval
-from sb3_guide.policies.folder import read_json
+from sb3_guide.files import read_json
 
 SPEECH = {name: name for name in ("cic", "uniform_cic", "message_entropy")}
 SUCCESS = {"curve": "success_rate"}

@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from sb3_guide.experiments.stages.runs import read_table, write_table
-from sb3_guide.policies.folder import read_json
+from sb3_guide.files import read_json
 
 CURVE = ("episodes", "success_rate", "loss", "cic", "uniform_cic", "message_entropy")
-FINAL = ("successes", "episodes", "success_rate", "mean_length")
 
 
 def write_tables(runs: Path, out: Path) -> None:

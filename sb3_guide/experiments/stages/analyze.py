@@ -11,9 +11,9 @@ from sb3_guide.cloning import Episodes, load_demonstrations, measure_communicati
 from sb3_guide.envs import ACTIONS, GuideGridEnv, level_of
 from sb3_guide.experiments.stages.animation import Caption, write_animation
 from sb3_guide.experiments.stages.runs import record, use_threads
+from sb3_guide.files import write_json
 from sb3_guide.metrics import message_action_counts
 from sb3_guide.policies import AgentPolicy, load_agent
-from sb3_guide.policies.folder import write_json
 from sb3_guide.policies.sequences import history_of
 
 SHOWN_LENGTH = 8  # frames that an episode needs to be worth watching

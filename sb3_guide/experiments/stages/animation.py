@@ -1,6 +1,5 @@
 """An episode as a GIF: the grid, and beneath it the mission, the message that was heard and the action that was taken."""
 
-import os
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib import font_manager
 from PIL import Image, ImageDraw, ImageFont, ImageOps
+
+from sb3_guide.files import atomically
 
 WIDTH = 320  # pixels; the grid is scaled to a square of this side
 PANEL = 132  # pixels of text beneath the grid
@@ -47,9 +48,8 @@ def write_animation(path: Path, frames: Sequence[np.ndarray], captions: Sequence
     chosen = np.linspace(0, len(frames) - 1, min(len(frames), MAX_FRAMES)).round().astype(int)
     pictures = share_palette([draw_frame(frames[index], captions[index]) for index in chosen])
     durations = [milliseconds] * (len(pictures) - 1) + [4 * milliseconds]
-    partial = path.with_name(f"{path.name}.partial")
-    pictures[0].save(partial, "GIF", save_all=True, append_images=pictures[1:], duration=durations, loop=0)
-    os.replace(partial, path)
+    with atomically(path) as partial:
+        pictures[0].save(partial, "GIF", save_all=True, append_images=pictures[1:], duration=durations, loop=0)
 
 
 def draw_frame(frame: np.ndarray, caption: Caption) -> Image.Image:

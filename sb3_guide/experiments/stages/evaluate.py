@@ -10,8 +10,8 @@ from sb3_guide.cloning.episodes import concatenate
 from sb3_guide.experiments.stages.levels import join_levels, split_levels
 from sb3_guide.experiments.stages.runs import record, use_threads
 from sb3_guide.experiments.stages.statistics import wilson_interval
+from sb3_guide.files import write_json
 from sb3_guide.policies import load_agent
-from sb3_guide.policies.folder import write_json
 
 
 def evaluate(agent: Path, level: str, n_episodes: int, out: Path, threads: int) -> None:

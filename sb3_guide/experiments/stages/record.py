@@ -12,9 +12,10 @@ from sb3_guide.cloning import Demonstrations, mission_seeds, play, save_demonstr
 from sb3_guide.cloning.episodes import Episodes, concatenate
 from sb3_guide.envs import level_of
 from sb3_guide.experiments.stages.runs import record, use_threads
+from sb3_guide.files import write_json
 from sb3_guide.policies import AgentPolicy, load_agent
 from sb3_guide.policies.agents import LearnerAgent
-from sb3_guide.policies.folder import read_agent, write_json
+from sb3_guide.policies.folder import read_agent
 
 WORST_EXPERT = 0.5  # share of missions below which recording would take forever
 

@@ -3,7 +3,6 @@
 import csv
 import hashlib
 import io
-import os
 import shlex
 import shutil
 import sys
@@ -20,7 +19,8 @@ import torch as th
 from filelock import FileLock
 from stable_baselines3.common.logger import KVWriter
 
-from sb3_guide.policies.folder import package_versions, read_json, write_json
+from sb3_guide.files import read_json, write_json, write_text
+from sb3_guide.policies.folder import package_versions
 
 
 @dataclass
@@ -144,9 +144,7 @@ def write_table(path: Path, rows: Sequence[dict[str, Any]]) -> None:
     writer = csv.DictWriter(text, columns, lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
-    partial = path.with_name(f"{path.name}.partial")
-    partial.write_text(text.getvalue())
-    os.replace(partial, path)
+    write_text(path, text.getvalue())
 
 
 def read_table(path: Path) -> list[dict[str, str]]:

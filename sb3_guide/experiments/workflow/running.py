@@ -15,7 +15,7 @@ import psutil
 from filelock import FileLock, Timeout
 
 from sb3_guide.experiments.workflow.display import Display, last_lines
-from sb3_guide.policies.folder import read_json, write_json
+from sb3_guide.files import read_json, write_json
 
 SNAKEFILE = Path(__file__).with_name("Snakefile")
 RUN_VARIABLE = "SB3_GUIDE_RUN"  # in the environment of every process of a run: the run's folder
