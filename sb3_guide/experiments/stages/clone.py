@@ -32,6 +32,7 @@ AGENTS: dict[str, type[AgentPolicy]] = {
     "guided": RecurrentGuidedLearnerPolicy,
 }
 UNTRAINED = "untrained"  # instead of a Guide's folder
+HIGHEST_CIC = "highest_cic"  # folder within the agent's: the agent as it was when its CIC was highest (section 5.4)
 
 
 def clone(
@@ -267,11 +268,15 @@ class Cloning:
 
     def complete(self, row: dict[str, float]) -> None:
         """
-        :param row: of a validation, which is completed here
+        :param row: of a validation, which is completed here; where CIC was never higher, the agent of this moment is kept
         """
         row["epoch"] = round(self.updates / len(self.loader), 4)
         row["episodes"] = self.updates * self.loader.batch_size
         row["seconds"] = round(self.run.seconds, 2)
+        if "cic" in row and row["cic"] == max(earlier["cic"] for earlier in self.validation.history):
+            save_agent(
+                self.policy, self.out / HIGHEST_CIC, join_levels([part.level for part in self.validation.demonstrations])
+            )
         write_table(self.out / "progress.csv", self.validation.history)
         self.progress.set_postfix(success=f"{row['success_rate']:.3f}", loss=f"{row['loss']:.3f}")
 
