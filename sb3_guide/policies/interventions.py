@@ -3,10 +3,11 @@ What happens to a Guide's message before it is heard. Training controls, ablatio
 else overwrites a message.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
+import numpy as np
 import torch as th
 import torch.nn.functional as F
 
@@ -122,16 +123,17 @@ class Chosen(Intervention):
     """
     A message that the caller has chosen, whatever was spoken.
 
-    :param symbols: of the message, such as (0, 2)
+    :param symbols: of the message, such as (0, 2), or (K, length) int64 with a message for each frame
     """
 
-    symbols: tuple[int, ...]
+    symbols: Sequence[int] | np.ndarray
 
     def __call__(self, spoken: th.Tensor, scene: Scene, generator: th.Generator) -> th.Tensor:
         frames, length, vocabulary_size = spoken.shape
-        if len(self.symbols) != length or not all(0 <= symbol < vocabulary_size for symbol in self.symbols):
+        symbols = np.asarray(self.symbols, dtype=np.int64)
+        if symbols.shape not in ((length,), (frames, length)) or not ((symbols >= 0) & (symbols < vocabulary_size)).all():
             raise ValueError(f"message {self.symbols}: expected {length} symbols from 0 to {vocabulary_size - 1}")
-        return one_hot(th.tensor(self.symbols).expand(frames, -1), spoken)
+        return one_hot(th.as_tensor(symbols).expand(frames, -1), spoken)
 
 
 def one_hot(symbols: th.Tensor, like: th.Tensor) -> th.Tensor:

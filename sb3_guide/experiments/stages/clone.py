@@ -232,6 +232,7 @@ class Cloning:
         )
         seeds = mission_seeds("validation", config["validation_episodes"])
         self.validation = Validation(policy, seeds, validation, on_row=self.complete)
+        self.level = join_levels([part.level for part in validation])
         self.policy, self.out, self.run, self.n_epochs = policy, out, run, config["n_epochs"]
         self.updates = 0  # so far
         epochs = {*config["validate_at"], *range(0, self.n_epochs, config["validate_every"])[1:], self.n_epochs}
@@ -274,9 +275,7 @@ class Cloning:
         row["episodes"] = self.updates * self.loader.batch_size
         row["seconds"] = round(self.run.seconds, 2)
         if "cic" in row and row["cic"] == max(earlier["cic"] for earlier in self.validation.history):
-            save_agent(
-                self.policy, self.out / HIGHEST_CIC, join_levels([part.level for part in self.validation.demonstrations])
-            )
+            save_agent(self.policy, self.out / HIGHEST_CIC, self.level)
         write_table(self.out / "progress.csv", self.validation.history)
         self.progress.set_postfix(success=f"{row['success_rate']:.3f}", loss=f"{row['loss']:.3f}")
 

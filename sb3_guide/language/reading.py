@@ -1,0 +1,64 @@
+"""What an agent with a channel said along the episodes that it played, and what it would have done, had it heard otherwise."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch as th
+
+from sb3_guide.cloning.episodes import Episodes, play
+from sb3_guide.policies import AgentPolicy
+from sb3_guide.policies.channel import MessageShape
+from sb3_guide.policies.sequences import history_of
+
+FRAMES_AT_ONCE = 4096  # bounds the memory that enumerating all messages takes
+
+
+@dataclass(frozen=True)
+class Reading:
+    """
+    F frames of E episodes, M messages, A actions.
+
+    :param shape: form of the messages
+    :param episodes: that were played
+    :param messages: (F,) int64 index of the most probable message at each frame, which the Guide spoke
+    :param message_log_probs: (F, M) log-probability of each message
+    :param action_log_probs: (F, M, A) log-probability of each action, were each message heard
+    """
+
+    shape: MessageShape
+    episodes: Episodes
+    messages: np.ndarray
+    message_log_probs: th.Tensor
+    action_log_probs: th.Tensor
+
+    @property
+    def episode(self) -> np.ndarray:
+        """(F,) int64, which episode each frame belongs to."""
+        return np.repeat(np.arange(len(self.episodes)), self.episodes.lengths)
+
+
+def read(policy: AgentPolicy, level: str, seeds: np.ndarray) -> Reading:
+    """
+    Let an agent play, with the most probable messages and actions, and read along.
+
+    :param policy: with a channel
+    :param level: name or id of the level
+    :param seeds: (E,) of the missions
+    :raises ValueError: if the policy has no channel, there are no seeds, or the level is not the policy's
+    """
+    shape = policy.channel.encoder.shape
+    episodes = play(policy, level, seeds)
+    parts = memory_of(policy, episodes).split(FRAMES_AT_ONCE)
+    with th.no_grad():
+        spoken = th.cat([policy.channel.speak(part).argmax(dim=-1) for part in parts])
+        messages = th.cat([policy.channel.message_log_probs(part) for part in parts])
+        actions = th.cat([policy.listen(part) for part in parts])
+    return Reading(shape, episodes, shape.index(spoken).numpy(), messages, actions)
+
+
+def memory_of(policy: AgentPolicy, episodes: Episodes) -> th.Tensor:
+    """:return: (F, state_size) what the agent remembers at every frame of the episodes"""
+    with th.no_grad():
+        if policy.carries_memory:
+            return policy.network.remember(episodes.sequences())
+        return policy.network.recall(episodes.windows(history_of(policy.observation_space)))
