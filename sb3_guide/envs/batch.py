@@ -14,6 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from sb3_guide.envs.consistency import problem_of
+from sb3_guide.envs.engine.cells import PADDING, STRIDE
 from sb3_guide.envs.engine.kernel import Observations, Outcomes, entry_points
 from sb3_guide.envs.engine.state import WORLD
 from sb3_guide.envs.engine.view import IMAGE_BYTES
@@ -165,6 +166,11 @@ class Batch:
     def mission(self, index: int) -> str:
         """:return: a world's mission as text"""
         return decode(self.worlds["mission"][index])
+
+    def place(self, index: int) -> tuple[int, int, int]:
+        """:return: column, row and direction of a world's agent"""
+        row, column = divmod(int(self.worlds["agent"][index]), STRIDE)
+        return column, row - PADDING, int(self.worlds["direction"][index])
 
     def picture(self, index: int) -> np.ndarray:
         """:return: (height * 32, width * 32, 3) uint8, a world with the agent's view highlighted"""

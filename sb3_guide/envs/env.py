@@ -39,6 +39,16 @@ class GuideGridEnv(gymnasium.Env[Observation, np.int64]):
         """The mission as text, "" before the first reset."""
         return self._batch.mission(0)
 
+    @property
+    def agent_pos(self) -> tuple[int, int]:
+        """Column and row of the agent's cell, as Minigrid counts them."""
+        return self._batch.place(0)[:2]
+
+    @property
+    def agent_dir(self) -> int:
+        """Where the agent looks: 0 right, 1 down, 2 left, 3 up."""
+        return self._batch.place(0)[2]
+
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
         """
         Begin an episode.

@@ -144,14 +144,45 @@ def evaluate(
 def analyze(
     agent: Agent,
     level: Level,
-    demos: Annotated[Path, typer.Option(help="File of demonstrations that no agent was trained on.")],
-    out: Annotated[Path, typer.Option(help="Folder for analysis.json and episode.gif.")],
+    out: Annotated[Path, typer.Option(help="Folder for analysis.json, its figures and episode.gif.")],
+    demos: Annotated[Path | None, typer.Option(help="Demonstrations along which to measure CIC too, as in the paper.")] = None,
     threads: Threads = 1,
 ) -> None:
-    """Find out what an agent's messages mean: counts, causal influence, and an episode to watch."""
+    """Read an agent's language: what its messages go together with and what they cause, and an episode to watch."""
     from sb3_guide.experiments.stages.analyze import analyze as analyze_agent
 
     analyze_agent(agent, level, demos, out, threads)
+
+
+@app.command()
+def ablate(
+    agent: Agent,
+    level: Level,
+    out: Annotated[Path, typer.Option(help="JSON file for the result.")],
+    episodes: Annotated[int, typer.Option(help="Missions to play with each intervention, the same for all.")] = 500,
+    threads: Threads = 1,
+) -> None:
+    """Measure success with messages as spoken, silent, random, shuffled, delayed or changed."""
+    from sb3_guide.experiments.stages.ablate import ablate_agent
+
+    ablate_agent(agent, level, episodes, out, threads)
+
+
+@app.command()
+def speak(
+    agent: Agent,
+    out: Annotated[Path, typer.Option(help="Folder for speech.json and walk.png.")],
+    level: Annotated[str | None, typer.Option(help="Name of the level, if not the one that the agent was trained on.")] = None,
+    say: Annotated[list[str] | None, typer.Option(help="Message ('w0 w2') or action ('left') to tell it; repeat it.")] = None,
+    choreography: Annotated[str | None, typer.Option(help="pirouette, waltz, or a text file with a step a line.")] = None,
+    obedience: Annotated[bool, typer.Option("--obedience", help="Tell it 500 random messages; count the obeyed.")] = False,
+    seed: Seed = 0,
+    threads: Threads = 1,
+) -> None:
+    """Learn an agent's words, and tell it what to do in them."""
+    from sb3_guide.experiments.stages.speak import speak_to
+
+    speak_to(agent, level, say or [], choreography, obedience, out, seed, threads)
 
 
 @app.command()

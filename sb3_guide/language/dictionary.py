@@ -6,7 +6,7 @@ import numpy as np
 
 from sb3_guide.envs import ACTIONS
 from sb3_guide.language.reading import Reading
-from sb3_guide.metrics import conditional, message_action_counts
+from sb3_guide.metrics import conditional, joint_counts
 from sb3_guide.policies.channel import MessageShape
 
 STRONG = 0.8  # P(action|message) from which on a message means its action
@@ -52,5 +52,5 @@ class Dictionary:
 
 def learn(reading: Reading) -> Dictionary:
     """:return: the dictionary of what was read"""
-    counts = message_action_counts(reading.messages, reading.episodes.actions, reading.shape.count, len(ACTIONS))
+    counts = joint_counts(reading.messages, reading.episodes.actions, reading.shape.count, len(ACTIONS))
     return Dictionary(reading.shape, counts)

@@ -1,6 +1,27 @@
 """Pure functions that measure emergent communication."""
 
-from sb3_guide.metrics.communication import cic, message_entropy, positive_signalling, uniform_cic
-from sb3_guide.metrics.language import conditional, message_action_counts
+from sb3_guide.metrics.communication import (
+    cic,
+    cic_as_published,
+    influence,
+    message_entropy,
+    positive_signalling,
+    uniform_cic,
+)
+from sb3_guide.metrics.language import conditional, joint_counts, obedience, symbol_information
+from sb3_guide.metrics.resampling import episode_sums, ratio_interval
 
-__all__ = ["cic", "conditional", "message_action_counts", "message_entropy", "positive_signalling", "uniform_cic"]
+__all__ = [
+    "cic",
+    "cic_as_published",
+    "conditional",
+    "episode_sums",
+    "influence",
+    "joint_counts",
+    "message_entropy",
+    "obedience",
+    "positive_signalling",
+    "ratio_interval",
+    "symbol_information",
+    "uniform_cic",
+]

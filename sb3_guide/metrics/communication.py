@@ -41,6 +41,36 @@ def uniform_cic(action_log_probs: th.Tensor) -> th.Tensor:
     return cic(action_log_probs.new_full((frames, messages), -math.log(messages)), action_log_probs)
 
 
+def cic_as_published(message_log_probs: th.Tensor, action_log_probs: th.Tensor) -> th.Tensor:
+    """
+    CIC as the code published with Lowe et al. (2019) has it, whose marginal of the actions is a mean over messages where the
+    formula asks for a sum: log M too high. For comparison with numbers that were made by it, and for nothing else.
+
+    :param message_log_probs: (N, M) log pi_G(m|o)
+    :param action_log_probs: (N, M, A) log pi_L(a|o,m)
+    :return: (N,)
+    :raises ValueError: if the shapes don't fit
+    """
+    return cic(message_log_probs, action_log_probs) + math.log(message_log_probs.shape[1])
+
+
+def influence(messages: th.Tensor, message_log_probs: th.Tensor, action_log_probs: th.Tensor) -> th.Tensor:
+    """
+    How far the message of each frame moves the Learner: the divergence of its actions given that message from its actions
+    given any, KL(pi_L(.|o,m) || p(.|o)). Its expectation over the Guide's messages is CIC.
+
+    :param messages: (N,) int64 index of the message that was heard
+    :param message_log_probs: (N, M) log pi_G(m|o)
+    :param action_log_probs: (N, M, A) log pi_L(a|o,m)
+    :return: (N,) in nats
+    :raises ValueError: if the shapes don't fit
+    """
+    check_shapes(message_log_probs, action_log_probs)
+    marginal = (message_log_probs.unsqueeze(-1) + action_log_probs).logsumexp(dim=1)  # log p(a), (N, A)
+    heard = action_log_probs[th.arange(len(messages)), messages]
+    return expectation(heard, heard - marginal).sum(dim=1)
+
+
 def message_entropy(message_log_probs: th.Tensor) -> th.Tensor:
     """
     How uncertain the Guide is of its message.

@@ -7,7 +7,7 @@ import torch as th
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sb3_guide.metrics import cic, message_entropy, positive_signalling, uniform_cic
+from sb3_guide.metrics import cic, cic_as_published, influence, message_entropy, positive_signalling, uniform_cic
 
 CERTAIN_OF_FIRST = th.tensor([[1.0, 0.0, 0.0]]).log()
 UNIFORM = th.full((1, 3), 1 / 3).log()
@@ -87,3 +87,16 @@ def test_no_frames_are_refused():
 def test_uniform_cic_refuses_other_shapes():
     with pytest.raises(ValueError, match=r"shape \(2, 3\): expected \(frames, messages, actions\)"):
         uniform_cic(th.zeros(2, 3))
+
+
+@given(st.integers(0, 2**31), st.integers(2, 5), st.integers(2, 4))
+def test_the_expected_influence_of_the_guides_messages_is_cic(seed, n_messages, n_actions):
+    generator = th.Generator().manual_seed(seed)
+    message = th.randn(3, n_messages, generator=generator).log_softmax(-1)
+    action = th.randn(3, n_messages, n_actions, generator=generator).log_softmax(-1)
+    each = [influence(th.full((3,), heard), message, action) for heard in range(n_messages)]
+    assert th.allclose((message.exp() * th.stack(each, dim=1)).sum(dim=1), cic(message, action), atol=1e-5)
+
+
+def test_the_published_code_is_log_of_the_messages_too_high():
+    assert cic_as_published(UNIFORM, OBEYS).item() == pytest.approx(2 * math.log(3))

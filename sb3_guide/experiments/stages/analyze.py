@@ -1,4 +1,4 @@
-"""What the messages of an agent go together with (paper section 5)."""
+"""What the messages of an agent go together with, and what they cause (paper section 5)."""
 
 import time
 from pathlib import Path
@@ -7,66 +7,140 @@ from typing import Any
 import numpy as np
 import torch as th
 
-from sb3_guide.cloning import Episodes, load_demonstrations, measure_communication, mission_seeds, play
+from sb3_guide.cloning import Episodes, load_demonstrations, measure_communication, mission_seeds
 from sb3_guide.envs import ACTIONS, GuideGridEnv, level_of
 from sb3_guide.experiments.stages.animation import Caption, write_animation
+from sb3_guide.experiments.stages.pictures import draw_bars, draw_cells
 from sb3_guide.experiments.stages.runs import record, use_threads
 from sb3_guide.files import write_json
-from sb3_guide.metrics import message_action_counts
-from sb3_guide.policies import AgentPolicy, load_agent
-from sb3_guide.policies.sequences import history_of
+from sb3_guide.language import SITUATIONS, Reading, memory_of, read, situations, targets
+from sb3_guide.metrics import (
+    cic,
+    cic_as_published,
+    episode_sums,
+    influence,
+    joint_counts,
+    message_entropy,
+    positive_signalling,
+    ratio_interval,
+    symbol_information,
+    uniform_cic,
+)
+from sb3_guide.policies import load_agent
 
 SHOWN_LENGTH = 8  # frames that an episode needs to be worth watching
 
 
-def analyze(agent: Path, level: str, demos: Path, out: Path, threads: int) -> None:
+def analyze(agent: Path, level: str, demos: Path | None, out: Path, threads: int, n_episodes: int = 500) -> None:
     """
     :param agent: folder of an agent with a channel
     :param level: name of the level
-    :param demos: file of demonstrations that no agent was trained on
-    :param out: folder for analysis.json and episode.gif
+    :param demos: file of demonstrations that no agent was trained on, along which CIC is measured as well, as in the paper
+    :param out: folder for analysis.json, its figures and episode.gif
     :param threads: of torch
+    :param n_episodes: missions to play, from the analysis split
     :raises ValueError: if the agent has no channel, or the demonstrations are damaged
     """
     level = level_of(level).name
     use_threads(threads)
     started = time.monotonic()
-    policy, demonstrations = load_agent(agent), load_demonstrations(demos)
-    shape = policy.channel.encoder.shape
-    episodes = play(policy, level, mission_seeds("analysis", len(demonstrations.episodes)))
-    messages = greedy_messages(policy, episodes)
+    policy = load_agent(agent)
+    reading = read(policy, level, mission_seeds("analysis", n_episodes))
     found: dict[str, Any] = {
         "agent": type(policy).__name__,
-        "messages": shape.names(),
+        "messages": reading.shape.names(),
         "actions": list(ACTIONS),
-        "counts": message_action_counts(messages, episodes.actions, shape.count, len(ACTIONS)).tolist(),
-        "episodes": len(episodes),
-        "frames": len(messages),
-        **measure_communication(policy, memory_of(policy, demonstrations.episodes)),
+        "situations": list(SITUATIONS),
+        "episodes": len(reading.episodes),
+        "frames": len(reading.messages),
+        **tables(reading),
+        "in_play": communication(reading),
+        "positive_signalling": positive_signalling(reading.message_log_probs),
     }
+    if demos is not None:
+        found |= measure_communication(policy, memory_of(policy, load_demonstrations(demos).episodes))
     out.mkdir(parents=True, exist_ok=True)
-    animate(episodes, messages, shape.names(), level, out / "episode.gif")
-    settings = {"level": level, "folder": str(agent), "demos": str(demos), "threads": threads}
+    draw(found, out)
+    animate(reading.episodes, reading.messages, reading.shape.names(), level, out / "episode.gif")
+    settings = {"level": level, "folder": str(agent), "demos": None if demos is None else str(demos), "threads": threads}
     write_json(out / "analysis.json", {**record("analyze", settings, time.monotonic() - started), **found})
 
 
-def greedy_messages(policy: AgentPolicy, episodes: Episodes) -> np.ndarray:
-    """
-    :param policy: with a channel, who played these episodes
-    :param episodes: E of them, of F frames in all
-    :return: (F,) index of the message that was heard at each frame
-    """
-    with th.no_grad():
-        symbols = policy.channel.speak(memory_of(policy, episodes)).argmax(dim=-1)
-        return policy.channel.encoder.shape.index(symbols).numpy()
+def tables(reading: Reading) -> dict[str, Any]:
+    """:return: what goes together with what: counts, and 95 % intervals (2, R, C) of the conditional probabilities"""
+    episodes, messages, n_messages = reading.episodes, reading.messages, reading.shape.count
+    found = targets(episodes)
+    situation = situations(found)
+    inside = situation >= 0
+    frame, across, down = found.nonzero()
+    cells = joint_counts(across * found.shape[2] + down, messages[frame], found[0].size, n_messages)
+    actions = by_episode(reading.episode, messages, episodes.actions, len(episodes), n_messages, len(ACTIONS))
+    spoken = by_episode(
+        reading.episode[inside], situation[inside], messages[inside], len(episodes), len(SITUATIONS), n_messages
+    )
+    return {
+        "counts": actions.sum(axis=0).tolist(),
+        "action_intervals": intervals(actions),
+        "situation_counts": spoken.sum(axis=0).tolist(),
+        "situation_intervals": intervals(spoken),
+        "cell_counts": cells.reshape(*found.shape[1:], n_messages).tolist(),
+        "symbol_information": symbol_information(actions.sum(axis=0), reading.shape.length).tolist(),
+    }
 
 
-def memory_of(policy: AgentPolicy, episodes: Episodes) -> th.Tensor:
-    """:return: (F, state_size) what the agent remembers at every frame of the episodes"""
-    with th.no_grad():
-        if policy.carries_memory:
-            return policy.network.remember(episodes.sequences())
-        return policy.network.recall(episodes.windows(history_of(policy.observation_space)))
+def by_episode(
+    episode: np.ndarray, rows: np.ndarray, columns: np.ndarray, n_episodes: int, n_rows: int, n_columns: int
+) -> np.ndarray:
+    """:return: (E, R, C) int64, how often each row came with each column in each episode"""
+    return joint_counts(episode * n_rows + rows, columns, n_episodes * n_rows, n_columns).reshape(
+        n_episodes, n_rows, n_columns
+    )
+
+
+def intervals(counts: np.ndarray) -> list[Any]:
+    """
+    :param counts: (E, R, C) of each episode
+    :return: (2, R, C) bounds of P(column|row), None where a row hardly occurs
+    """
+    bounds = ratio_interval(counts, counts.sum(axis=2, keepdims=True), np.random.default_rng(0))
+    return np.where(np.isnan(bounds), np.array(None), bounds).tolist()
+
+
+def communication(reading: Reading) -> dict[str, dict[str, float]]:
+    """:return: mean over the frames that were played, and its 95 % interval, of each measure of communication, in nats"""
+    spoken, acted = reading.message_log_probs, reading.action_log_probs
+    measures = {
+        "cic": cic(spoken, acted),
+        "cic_as_published": cic_as_published(spoken, acted),
+        "uniform_cic": uniform_cic(acted),
+        "message_entropy": message_entropy(spoken),
+        "influence": influence(th.as_tensor(reading.messages), spoken, acted),
+    }
+    found = {}
+    for name, values in measures.items():
+        sums = episode_sums(values.numpy(), reading.episode)
+        low, high = ratio_interval(sums, reading.episodes.lengths, np.random.default_rng(0))
+        found[name] = {"mean": float(values.mean()), "low": float(low), "high": float(high)}
+    return found
+
+
+def draw(found: dict[str, Any], out: Path) -> None:
+    """
+    :param found: content of analysis.json
+    :param out: folder of the figures
+    """
+    for file, rows, columns, counts, bounds in (
+        ("actions.png", found["messages"], found["actions"], found["counts"], found["action_intervals"]),
+        (
+            "situations.png",
+            [f"target {name}" for name in SITUATIONS],
+            found["messages"],
+            found["situation_counts"],
+            found["situation_intervals"],
+        ),
+    ):
+        draw_bars(out / file, rows, columns, np.array(counts), np.array(bounds, dtype=np.float64))
+    draw_cells(out / "cells.png", found["messages"], np.array(found["cell_counts"]))
 
 
 def animate(episodes: Episodes, messages: np.ndarray, names: list[str], level: str, path: Path) -> None:

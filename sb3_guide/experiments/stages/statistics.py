@@ -1,6 +1,7 @@
-"""Intervals, from scipy."""
+"""Intervals and tests, from scipy."""
 
-from scipy.stats import binomtest
+import numpy as np
+from scipy.stats import binomtest, t
 
 
 def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
@@ -11,3 +12,26 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
     """
     interval = binomtest(successes, trials).proportion_ci(method="wilson")
     return float(interval.low), float(interval.high)
+
+
+def paired_successes(a: np.ndarray, b: np.ndarray) -> dict[str, float]:
+    """
+    Two outcomes of the same missions.
+
+    :param a: (E,) bool
+    :param b: (E,) bool
+    :return: "difference" of the success rates, its 95 % interval ("difference_low", "difference_high", Student's t over
+        missions), and McNemar's exact "p_value"
+    :raises ValueError: if the two differ in length, or there are fewer than two missions
+    """
+    if a.shape != b.shape or len(a) < 2:
+        raise ValueError(f"outcomes of {len(a)} and {len(b)} missions: expected the same missions, at least 2")
+    difference = a.astype(float) - b.astype(float)
+    half = float(t.ppf(0.975, len(a) - 1) * difference.std(ddof=1) / np.sqrt(len(a)))
+    only_a, only_b = int((a & ~b).sum()), int((b & ~a).sum())
+    return {
+        "difference": float(difference.mean()),
+        "difference_low": float(difference.mean()) - half,
+        "difference_high": float(difference.mean()) + half,
+        "p_value": float(binomtest(only_a, only_a + only_b).pvalue) if only_a + only_b else 1.0,
+    }

@@ -1,0 +1,96 @@
+"""What an agent says and does, as pictures laid out like the paper's figures 7, A.1 to A.3."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from sb3_guide.envs.rendering import TILE
+from sb3_guide.files import atomically
+
+INK, FAINT, BAR = "#22262e", "#9aa3b2", "#0072b2"
+
+
+def draw_bars(path: Path, rows: list[str], columns: list[str], counts: np.ndarray, intervals: np.ndarray) -> None:
+    """
+    A panel for each row that occurs, with a bar for each column: P(column|row) and its interval.
+
+    :param path: of the PNG
+    :param rows: names of what is given
+    :param columns: names of what follows
+    :param counts: (R, C)
+    :param intervals: (2, R, C) bounds of the 95 % intervals
+    """
+    shown = np.flatnonzero(counts.sum(axis=1) > 0)
+    across = min(3, len(shown))
+    figure = Figure(figsize=(3.4 * across, 2.3 * -(-len(shown) // across)), layout="constrained")
+    panels = figure.subplots(-(-len(shown) // across), across, sharex=True, sharey=True, squeeze=False).ravel()
+    for panel, row in zip(panels, shown, strict=False):
+        rates = counts[row] / counts[row].sum()
+        errors = np.abs(np.nan_to_num(intervals[:, row] - rates))
+        panel.bar(range(len(columns)), rates, color=BAR, yerr=errors, error_kw={"ecolor": INK, "elinewidth": 0.8})
+        panel.set_title(f"{rows[row]} ({counts[row].sum():,} frames)", fontsize=9, loc="left")
+        panel.set_xticks(range(len(columns)), columns, rotation=60, fontsize=8)
+        panel.set_ylim(0, 1.05)
+        panel.spines[["top", "right"]].set_visible(False)
+    for panel in panels[len(shown) :]:
+        panel.set_visible(False)
+    save(figure, path)
+
+
+def draw_cells(path: Path, messages: list[str], counts: np.ndarray) -> None:
+    """
+    A map of the agent's view for each message that occurs: how often it is spoken with the target in each cell.
+
+    :param path: of the PNG
+    :param messages: names
+    :param counts: (7, 7, M) first across the view, then from far to near
+    """
+    shown = np.flatnonzero(counts.sum(axis=(0, 1)) > 0)
+    across = min(5, len(shown))
+    figure = Figure(figsize=(2.1 * across, 2.3 * -(-len(shown) // across)), layout="constrained")
+    panels = figure.subplots(-(-len(shown) // across), across, squeeze=False).ravel()
+    with np.errstate(invalid="ignore"):
+        shares = counts / counts.sum(axis=2, keepdims=True)
+    for panel, message in zip(panels, shown, strict=False):
+        image = panel.imshow(shares[:, :, message].T, vmin=0, vmax=1, cmap="viridis")
+        panel.plot(3, 6, marker="^", color="white", markeredgecolor=INK, markersize=9)
+        panel.set_title(messages[message], fontsize=9, loc="left")
+        panel.set_xticks([])
+        panel.set_yticks([])
+    for panel in panels[len(shown) :]:
+        panel.set_visible(False)
+    figure.colorbar(image, ax=panels[: len(shown)].tolist(), label="P(message | target in this cell)", shrink=0.8)
+    save(figure, path)
+
+
+def draw_walk(path: Path, grid: np.ndarray, cells: np.ndarray, told: Sequence[str]) -> None:
+    """
+    The way that an agent went when it was told what to do, over the grid where it began (paper figure 7).
+
+    :param path: of the PNG
+    :param grid: (height, width, 3) uint8 picture of the grid
+    :param cells: (T + 1, 3) column, row and direction (0 right, 1 down, 2 left, 3 up) before each message and after the last
+    :param told: what it was told at each of the T steps, in words
+    """
+    figure = Figure(figsize=(8.4, 4.8), layout="constrained")
+    axes, words = figure.subplots(1, 2, width_ratios=(3, 2))
+    axes.imshow(grid)
+    centres = (cells[:, :2] + 0.5) * TILE
+    axes.plot(*centres.T, color="#f0a15e", linewidth=2.5, alpha=0.8)
+    heading = np.array([(1, 0), (0, 1), (-1, 0), (0, -1)])[cells[:, 2]] * TILE * 0.32
+    axes.quiver(
+        *centres.T, *heading.T, np.arange(len(cells)), angles="xy", scale_units="xy", scale=1, cmap="autumn", width=0.008
+    )
+    steps = "\n".join(f"{number}. {text}" for number, text in enumerate(told, start=1))
+    words.text(0, 1, steps, transform=words.transAxes, va="top", fontsize=9, color=INK)
+    axes.set_axis_off()
+    words.set_axis_off()
+    save(figure, path)
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure as PNG, the same bytes for the same figure."""
+    with atomically(path) as partial:
+        figure.savefig(partial, format="png", dpi=130, metadata={"Software": None})

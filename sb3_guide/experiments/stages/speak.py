@@ -1,0 +1,166 @@
+"""Speaking to an agent in its own language, and measuring how far it obeys (paper section 5.4)."""
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sb3_guide.cloning import mission_seeds
+from sb3_guide.envs import ACTIONS, GuideGridEnv, level_of
+from sb3_guide.experiments.stages.pictures import draw_walk
+from sb3_guide.experiments.stages.runs import record, use_threads
+from sb3_guide.files import write_json
+from sb3_guide.language import CHOREOGRAPHIES, Dictionary, learn, obey, perform, read, steps_of
+from sb3_guide.metrics import obedience
+from sb3_guide.policies import AgentPolicy, load_agent
+from sb3_guide.policies.folder import read_agent
+
+LEARNED_ON = 500  # missions of the validation split
+WORLDS = 50  # missions on which ten messages each are told
+TRIED = 200  # missions that are looked at for one where a choreography can be danced
+
+
+def speak_to(
+    agent: Path,
+    level: str | None,
+    say: Sequence[str],
+    choreography: str | None,
+    measure: bool,
+    out: Path,
+    seed: int,
+    threads: int,
+) -> None:
+    """
+    Learn an agent's dictionary, and tell it what to do; without anything to tell, the dictionary alone.
+
+    :param agent: folder of an agent with a channel
+    :param level: name of the level; None takes the one that the agent was trained on
+    :param say: actions or messages, one after the other
+    :param choreography: "pirouette", "waltz" or a text file with actions or messages
+    :param measure: tell it 500 random messages that mean something, and count how many are obeyed
+    :param out: folder for speech.json and, where something is told, walk.png
+    :param seed: of the mission and of the random messages
+    :param threads: of torch
+    :raises FileNotFoundError: if there is no such choreography
+    :raises ValueError: if the agent has no channel or no word for something, or a step is unknown
+    """
+    use_threads(threads)
+    started = time.monotonic()
+    policy, level = load_agent(agent), level_of(level or str(read_agent(agent)[0].level)).name
+    dictionary = learn(read(policy, level, mission_seeds("validation", LEARNED_ON)))
+    print(in_words(dictionary))
+    found: dict[str, Any] = {"dictionary": entries(dictionary)}
+    script = ", ".join(say) if say else None if choreography is None else text_of(choreography)
+    out.mkdir(parents=True, exist_ok=True)
+    if script is not None:
+        found["walk"] = walk(policy, level, steps_of(script, dictionary), dictionary, seed, out / "walk.png")
+    if measure:
+        found["obedience"] = measured(policy, level, dictionary, seed)
+    settings = {"level": level, "folder": str(agent), "seed": seed, "threads": threads}
+    write_json(out / "speech.json", {**record("speak", settings, time.monotonic() - started), **found})
+
+
+def entries(dictionary: Dictionary) -> list[dict[str, Any]]:
+    """:return: every message that occurs, the commonest first, with the action that mostly follows, how often, and frames"""
+    frames, meanings = dictionary.counts.sum(axis=1), dictionary.meanings
+    return [
+        {
+            "message": dictionary.shape.names()[message],
+            "action": ACTIONS[dictionary.counts[message].argmax()],
+            "probability": float(dictionary.counts[message].max() / frames[message]),
+            "frames": int(frames[message]),
+            "means_it": bool(meanings[message] >= 0),
+        }
+        for message in np.argsort(-frames, kind="stable")
+        if frames[message]
+    ]
+
+
+def in_words(dictionary: Dictionary) -> str:
+    """:return: a line for each message that occurs"""
+    return "\n".join(
+        f"{entry['message']}  {entry['action']:8} {entry['probability']:4.0%} of {entry['frames']:,} frames"
+        + ("" if entry["means_it"] else "  (not strongly)")
+        for entry in entries(dictionary)
+    )
+
+
+def text_of(choreography: str) -> str:
+    """
+    :param choreography: name of one of ours, or path of a text file
+    :raises FileNotFoundError: if it is neither
+    """
+    if choreography in CHOREOGRAPHIES:
+        return ", ".join(CHOREOGRAPHIES[choreography])
+    if not Path(choreography).is_file():
+        raise FileNotFoundError(
+            f"there is no choreography {choreography!r}: expected {', '.join(CHOREOGRAPHIES)}, or a text file with an action "
+            "or a message on each line"
+        )
+    return Path(choreography).read_text(encoding="utf-8")
+
+
+def walk(policy: AgentPolicy, level: str, told: list[int], dictionary: Dictionary, seed: int, path: Path) -> dict[str, Any]:
+    """
+    :param told: index of the message at each step
+    :param seed: which of the missions where the choreography can be danced
+    :param path: of the picture
+    :return: what was told, meant and done
+    """
+    meant = dictionary.meanings[told]
+    mission = danceable(level, meant, seed)
+    taken = perform(policy, level, np.array([mission]), np.array(told)[:, None]).taken[:, 0]
+    env = GuideGridEnv(level, render_mode="rgb_array")
+    env.reset(seed=mission)
+    grid, cells = env.render(), [(*env.agent_pos, env.agent_dir)]
+    lines = []
+    for message, intended, action in zip(told, meant, taken, strict=True):
+        ended = env.step(action)[2]
+        cells.append((*env.agent_pos, env.agent_dir))
+        wanted = ACTIONS[intended] if intended >= 0 else "?"
+        lines.append(f"{dictionary.shape.names()[message]} ({wanted}): {ACTIONS[action]}")
+        if ended:
+            break
+    print("\n".join(lines))
+    draw_walk(path, grid, np.array(cells), lines)
+    return {
+        "mission": env.mission,
+        "mission_seed": int(mission),
+        "told": [dictionary.shape.names()[message] for message in told],
+        "meant": [ACTIONS[action] if action >= 0 else None for action in meant],
+        "taken": [ACTIONS[action] for action in taken[: len(lines)]],
+    }
+
+
+def danceable(level: str, actions: np.ndarray, seed: int) -> int:
+    """
+    :param actions: (T,) that the choreography asks for; -1 for any
+    :param seed: from which mission of the analysis split on to look
+    :return: seed of the first mission in which no step forward of theirs is into something; the first one if there is none
+    """
+    missions = mission_seeds("analysis", seed + TRIED)[seed:]
+    env = GuideGridEnv(level)
+    for mission in missions:
+        env.reset(seed=int(mission))
+        if all(moves(env, action) for action in actions if action >= 0):
+            return int(mission)
+    return int(missions[0])
+
+
+def moves(env: GuideGridEnv, action: int) -> bool:
+    """:return: whether an action, which is taken, is none forward or gets somewhere"""
+    before = env.agent_pos
+    env.step(np.int64(action))
+    return action != ACTIONS.index("forward") or env.agent_pos != before
+
+
+def measured(policy: AgentPolicy, level: str, dictionary: Dictionary, seed: int) -> dict[str, Any]:
+    """:return: obedience on missions that the dictionary does not know, raw, corrected for chance, and by action"""
+    meant, taken = obey(policy, level, dictionary, mission_seeds("analysis", WORLDS), np.random.default_rng(seed))
+    raw, corrected = obedience(meant, taken)
+    by_action = {ACTIONS[action]: float((taken[meant == action] == action).mean()) for action in np.unique(meant)}
+    print(f"obeyed {raw:.1%} of {len(meant)} messages, {corrected:.1%} beyond chance")
+    print("\n".join(f"  {action:8} {rate:.1%}" for action, rate in by_action.items()))
+    return {"messages": len(meant), "raw": raw, "corrected": corrected, "by_action": by_action}
