@@ -22,6 +22,9 @@ Resume = Annotated[bool, typer.Option("--resume", help="Continue a run that was 
 Renew = Annotated[bool, typer.Option("--renew", help="As --resume, but delete a run of other settings and begin anew.")]
 Config = Annotated[Path | None, typer.Option(help="YAML file in rl-zoo's format instead of the packaged zoo_configs/.")]
 Agent = Annotated[Path, typer.Argument(help="Folder of the agent.")]
+Speaker = Annotated[
+    str, typer.Argument(help="Folder of an agent with a channel, or 'pretrained' for the shipped guided Learner.")
+]
 
 
 class Split(str, Enum):
@@ -142,7 +145,7 @@ def evaluate(
 
 @app.command()
 def analyze(
-    agent: Agent,
+    agent: Speaker,
     level: Level,
     out: Annotated[Path, typer.Option(help="Folder for analysis.json, its figures and episode.gif.")],
     demos: Annotated[Path | None, typer.Option(help="Demonstrations along which to measure CIC too, as in the paper.")] = None,
@@ -151,12 +154,12 @@ def analyze(
     """Read an agent's language: what its messages go together with and what they cause, and an episode to watch."""
     from sb3_guide.experiments.stages.analyze import analyze as analyze_agent
 
-    analyze_agent(agent, level, demos, out, threads)
+    analyze_agent(folder_of(agent, level), level, demos, out, threads)
 
 
 @app.command()
 def ablate(
-    agent: Agent,
+    agent: Speaker,
     level: Level,
     out: Annotated[Path, typer.Option(help="JSON file for the result.")],
     episodes: Annotated[int, typer.Option(help="Missions to play with each intervention, the same for all.")] = 500,
@@ -165,12 +168,12 @@ def ablate(
     """Measure success with messages as spoken, silent, random, shuffled, delayed or changed."""
     from sb3_guide.experiments.stages.ablate import ablate_agent
 
-    ablate_agent(agent, level, episodes, out, threads)
+    ablate_agent(folder_of(agent, level), level, episodes, out, threads)
 
 
 @app.command()
 def speak(
-    agent: Agent,
+    agent: Speaker,
     out: Annotated[Path, typer.Option(help="Folder for speech.json and walk.png.")],
     level: Annotated[str | None, typer.Option(help="Name of the level, if not the one that the agent was trained on.")] = None,
     say: Annotated[list[str] | None, typer.Option(help="Message ('w0 w2') or action ('left') to tell it; repeat it.")] = None,
@@ -182,7 +185,7 @@ def speak(
     """Learn an agent's words, and tell it what to do in them."""
     from sb3_guide.experiments.stages.speak import speak_to
 
-    speak_to(agent, level, say or [], choreography, obedience, out, seed, threads)
+    speak_to(folder_of(agent, level), level, say or [], choreography, obedience, out, seed, threads)
 
 
 @app.command()
@@ -217,6 +220,21 @@ def report(folder: Annotated[Path, typer.Argument(help="Folder with curves.csv a
     from sb3_guide.experiments.report.guidance import write_pages
 
     write_pages(folder)
+
+
+def folder_of(agent: str, level: str | None) -> Path:
+    """
+    :param agent: folder, or "pretrained"
+    :param level: of the shipped agent
+    :raises ValueError: if a shipped agent is asked for without a level, or there is none for it
+    """
+    from sb3_guide.speakers import speaker_folder
+
+    if agent != "pretrained":
+        return Path(agent)
+    if level is None:
+        raise ValueError("which of the shipped agents? expected --level, such as --level GoToLocal")
+    return speaker_folder(level, "guided")
 
 
 def main() -> None:

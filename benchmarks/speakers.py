@@ -1,0 +1,98 @@
+"""
+Ship agents with a channel: halve their weights to 16 bits, measure what is left, learn their words, write their cards.
+
+    for level in GoToObj GoToLocal PickupLoc PutNextLocal; do
+      python -m benchmarks.speakers --level $level --runs runs/speakers/$level
+    done
+
+A folder of --runs holds the agents "guide" and "guided", as sb3-guide clone makes them; the cards say how.
+"""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from safetensors.torch import load_file, save_file
+
+from sb3_guide.cloning import mission_seeds
+from sb3_guide.envs import ACTIONS
+from sb3_guide.experiments.stages.evaluate import evaluate
+from sb3_guide.experiments.stages.runs import use_threads
+from sb3_guide.experiments.stages.speak import entries
+from sb3_guide.files import atomically, read_json, write_json, write_text
+from sb3_guide.language import learn, obey, read
+from sb3_guide.metrics import obedience
+from sb3_guide.policies import load_agent
+from sb3_guide.policies.folder import AGENT, NETWORK
+from sb3_guide.speakers import FOLDER
+
+EVALUATED = ("episodes", "successes", "success_rate", "low", "high", "mean_length", "first_seed", "versions")
+AGENTS = {"guide": "A Guide of", "guided": "A Learner that hears a Guide of"}
+
+
+def ship(level: str, runs: Path, agent: str) -> None:
+    """Write the folder of an agent."""
+    folder = FOLDER / level / agent
+    folder.mkdir(parents=True, exist_ok=True)
+    with atomically(folder / NETWORK) as partial:
+        save_file({name: weight.half() for name, weight in load_file(runs / agent / NETWORK).items()}, partial)
+    write_json(folder / AGENT, read_json(runs / agent / AGENT))
+    evaluate(folder, level, 1000, folder / "evaluation.json", threads=1)
+    found = read_json(folder / "evaluation.json")
+    write_json(folder / "evaluation.json", {name: found[name] for name in EVALUATED})
+    write_text(folder / "README.md", card(level, agent, runs, found))
+
+
+def card(level: str, agent: str, runs: Path, found: dict[str, Any]) -> str:
+    """:return: the model card"""
+    policy, run = load_agent(FOLDER / level / agent), read_json(runs / agent / "run.json")
+    dictionary = learn(read(policy, level, mission_seeds("validation", 500)))
+    meant, taken = obey(policy, level, dictionary, mission_seeds("analysis", 50), np.random.default_rng(0))
+    raw, corrected = obedience(meant, taken)
+    by_action = ", ".join(f"{ACTIONS[a]} {(taken[meant == a] == a).mean():.0%}" for a in np.unique(meant))
+    beyond = "all of them mean the same" if np.isnan(corrected) else f"{corrected:.0%} beyond chance"
+    config = run["config"]
+    words = [
+        f"| {entry['message']} | {entry['action']} | {entry['probability']:.0%} | {entry['frames']:,} |"
+        for entry in entries(dictionary)
+    ]
+    guide = f" --guide runs/speakers/{level}/guide" if agent == "guided" else ""
+    return "\n".join(
+        [
+            f"# {AGENTS[agent]} {level}",
+            "",
+            f"Solves {found['success_rate']:.1%} of 1,000 fresh missions greedily (95 % interval {found['low']:.1%} to "
+            f"{found['high']:.1%}). Weights are stored with 16 bits.",
+            "",
+            f"Told 500 random messages that mean something, it obeys {raw:.0%} ({beyond}): {by_action}.",
+            "",
+            "| message | action that mostly follows | how often | frames of 500 episodes |",
+            "|---|---|---|---|",
+            *words,
+            "",
+            "Made by",
+            "",
+            "```sh",
+            f"for split in train:{config['train_episodes']} validation:500; do",
+            f"  sb3-guide record --level {level} --expert pretrained --split ${{split%:*}} --episodes ${{split#*:}} \\",
+            f"    --out runs/speakers/{level}/demos/${{split%:*}}.safetensors",
+            "done",
+            f"sb3-guide clone --agent {agent} --level {level} --demos runs/speakers/{level}/demos{guide} \\",
+            f"  --seed {run['seed']} --params train_episodes:{config['train_episodes']} --params n_epochs:{config['n_epochs']} \\",
+            f"  --params validate_every:{config['validate_every']} --out runs/speakers/{level}/{agent}",
+            "```",
+            "",
+        ]
+    )
+
+
+def main(level: Annotated[str, typer.Option()], runs: Annotated[Path, typer.Option()]) -> None:
+    """Ship both agents of a level."""
+    use_threads(1)
+    for agent in AGENTS:
+        ship(level, runs, agent)
+
+
+if __name__ == "__main__":
+    typer.run(main)
