@@ -79,8 +79,9 @@ def card(level: str, agent: str, runs: Path, found: dict[str, Any]) -> str:
             f"    --out runs/speakers/{level}/demos/${{split%:*}}.safetensors",
             "done",
             f"sb3-guide clone --agent {agent} --level {level} --demos runs/speakers/{level}/demos{guide} \\",
-            f"  --seed {run['seed']} --params train_episodes:{config['train_episodes']} --params n_epochs:{config['n_epochs']} \\",
-            f"  --params validate_every:{config['validate_every']} --out runs/speakers/{level}/{agent}",
+            f"  --seed {run['seed']} --params train_episodes:{config['train_episodes']} \\",
+            f"  --params n_epochs:{config['n_epochs']} --params validate_every:{config['validate_every']} \\",
+            f"  --out runs/speakers/{level}/{agent}",
             "```",
             "",
         ]

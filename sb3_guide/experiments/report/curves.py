@@ -23,6 +23,7 @@ STYLE: dict[Any, Any] = {
     "grid.alpha": 0.3,
 }
 PANELS_A_ROW = 3
+SIZES = (100, 300, 1000, 3000, 10000)  # demonstrations
 PANEL = (3.4, 2.6)  # inches
 
 
@@ -43,12 +44,44 @@ def draw_curves(study: Study, levels: Sequence[str], conditions: Sequence[str], 
             draw_level(axes, study, level, conditions, epochs)
         for axes in panels[len(levels) :]:
             axes.set_axis_off()
-        lines = {str(line.get_label()): line for axes in figure.axes for line in axes.get_lines()}
-        shown = [condition for condition in conditions if condition in lines]
-        handles = [lines[condition] for condition in shown]
-        figure.legend(handles, shown, loc="outside lower center", ncols=min(len(shown), 2 * columns - 1), frameon=False)
-        with atomically(path) as partial:
-            figure.savefig(partial, format="png", dpi=130, metadata={"Software": None})
+        finish(figure, conditions, 2 * columns - 1, path)
+
+
+def draw_sizes(study: Study, levels: Sequence[str], agents: Sequence[str], path: Path) -> None:
+    """
+    Final success over the number of demonstrations, from conditions such as "guided-300".
+
+    :param study: to be shown
+    :param levels: a panel each
+    :param agents: a colour each
+    :param path: of the PNG, written atomically
+    """
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(PANEL[0] * len(levels), PANEL[1] + 0.5), layout="constrained")
+        for axes, level in zip(figure.subplots(1, len(levels), squeeze=False, sharey=True)[0], levels, strict=True):
+            for colour, agent in zip(COLOURS, agents, strict=False):
+                found = {size: study.final(level, f"{agent}-{size}") for size in SIZES if study.has(level, f"{agent}-{size}")}
+                for size, rates in found.items():
+                    axes.plot([size] * len(rates), rates, ".", color=colour, alpha=0.35)
+                axes.plot(list(found), [rates.mean() for rates in found.values()], color=colour, linewidth=2, label=agent)
+            axes.set_title(level)
+            axes.set_xscale("log")
+            axes.set_ylim(0, 1.02)
+            axes.yaxis.set_major_formatter(PercentFormatter(1))
+            axes.set_xlabel("demonstrations")
+            axes.set_ylabel("fresh missions solved in the end")
+        finish(figure, agents, len(agents), path)
+
+
+def finish(figure: Figure, names: Sequence[str], columns: int, path: Path) -> None:
+    """Write a figure with a legend below, of those names that are shown."""
+    lines = {str(line.get_label()): line for axes in figure.axes for line in axes.get_lines()}
+    shown = [name for name in names if name in lines]
+    figure.legend(
+        [lines[name] for name in shown], shown, loc="outside lower center", ncols=min(len(shown), columns), frameon=False
+    )
+    with atomically(path) as partial:
+        figure.savefig(partial, format="png", dpi=130, metadata={"Software": None})
 
 
 def draw_level(axes: Axes, study: Study, level: str, conditions: Sequence[str], epochs: int | None) -> None:

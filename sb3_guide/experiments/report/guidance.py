@@ -10,7 +10,7 @@ import yaml
 from scipy.stats import t
 
 from sb3_guide.experiments.report.contrasts import Contrast, area, corrected, episodes_to, verdict, verdict_of_all
-from sb3_guide.experiments.report.curves import draw_curves
+from sb3_guide.experiments.report.curves import draw_curves, draw_sizes
 from sb3_guide.experiments.report.study import Study, read_study
 from sb3_guide.experiments.workflow.conditions import Run, load_catalogue
 from sb3_guide.files import write_text
@@ -47,7 +47,7 @@ FIGURES: dict[str, list[tuple[str, str, list[str], int | None]]] = {  # by page:
         )
     ],
     "multilevel": [("multilevel", "As in the paper's figure 6", ["learner", "guided", "guided-by-all"], 2)],
-    "lowdata": [],
+    "lowdata": [],  # a figure of its own
 }
 LEVELS = {"curriculum": ["PickupLoc", "PutNextLocal"], "multilevel": ["GoToLocal", "PickupLoc", "PutNextLocal"]}
 
@@ -161,6 +161,10 @@ def page(study: Study, name: str, title: str, judged: Sequence[Judged], folder: 
         if levels:
             draw_curves(study, levels, conditions, folder / f"{file}.png", epochs)
             lines += [f"![{caption}]({file}.png)", "", f"*{caption}: mean and every seed.*", ""]
+    if name == "lowdata":
+        levels = [level for level in study.levels() if study.has(level, "learner-100")]
+        draw_sizes(study, levels, ["learner", "guide", "guided"], folder / "lowdata.png")
+        lines += ["![Final success over demonstrations](lowdata.png)", "", "*Cloned to the end: mean and every seed.*", ""]
     for each in judged:
         lines += claim_section(each)
     if name != "lowdata":
@@ -168,6 +172,8 @@ def page(study: Study, name: str, title: str, judged: Sequence[Judged], folder: 
         levels = LEVELS.get(name, study.levels())
         lines += ["## Every condition", "", *condition_table(study, levels, conditions), ""]
         lines += ["## What the Guide costs", "", *cost_table(study, levels, conditions), ""]
+    if name == "intra":
+        lines += ["## Causal influence over training (section 5.3)", "", *influence_table(study), ""]
     return "\n".join(lines)
 
 
@@ -243,6 +249,20 @@ def cost_table(study: Study, levels: Sequence[str], conditions: Sequence[str]) -
                 share = f"{cost / saved.mean():.0f}" if saved.mean() > 0 else "never"
                 rows.append([level, condition, interval(saved, ",.0f"), f"{cost:,.0f}", share])
     return table(["level", "condition", "episodes saved to 90 %", "the Guide's episodes", "Learners that must share it"], rows)
+
+
+def influence_table(study: Study) -> list[str]:
+    """:return: what a guided Learner's messages cause after the first quarter of an epoch and in the end, in nats"""
+    rows = []
+    for level in study.levels():
+        if study.has(level, "guided"):
+            curves = study.curves[(study.curves["level"] == level) & (study.curves["condition"] == "guided")]
+            epoch = study.episodes(level, "guided", 1)
+            for when, episodes in (("1/4", epoch / 4), ("1", epoch), ("end", curves["episodes"].max())):
+                nearest = curves.loc[(curves["episodes"] - episodes).abs().groupby(curves["seed"]).idxmin()]
+                measures = [interval(nearest[name].to_numpy(), ".4f") for name in ("cic", "message_entropy", "uniform_cic")]
+                rows.append([level, when, str(len(nearest)), *measures])
+    return table(["level", "epoch", "seeds", "CIC", "message entropy", "uniform CIC"], rows)
 
 
 def reached(study: Study, level: str, condition: str) -> dict[int, float]:
