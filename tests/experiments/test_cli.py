@@ -10,7 +10,7 @@ from sb3_guide.experiments.cli import Hears, app
 from sb3_guide.experiments.stages.configs import load_config
 from sb3_guide.policies.interventions import INTERVENTIONS
 
-COMMANDS = ("expert", "record", "clone", "evaluate", "analyze", "reproduce")
+COMMANDS = ("expert", "record", "clone", "evaluate", "analyze", "ablate", "speak", "reproduce")
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -35,6 +35,10 @@ def test_every_stage_explains_itself(command):
         (["expert", "--level", "GoToMars", "--out", "x"], "GoToMars"),
         (["evaluate", "nowhere", "--level", "GoToObj", "--out", "x.json"], "nowhere is no agent's folder"),
         (["evaluate", "nowhere", "--level", "GoToObj", "--out", "x.json", "--episodes", "0"], "0 episodes were asked for"),
+        (["speak", "pretrained", "--out", "x"], "which of the shipped agents? expected --level"),
+        (["speak", "pretrained", "--level", "BossLevel", "--out", "x"], "there is no trained guided for BossLevel"),
+        (["speak", "nowhere", "--level", "GoToObj", "--out", "x"], "nowhere is no agent's folder"),
+        (["ablate", "pretrained", "--level", "GoToObj", "--episodes", "0", "--out", "x"], "0 episodes were asked for"),
     ],
 )
 def test_wrong_use_ends_with_one_line(arguments, message, tmp_path, monkeypatch):

@@ -8,7 +8,7 @@ import pandas as pd
 
 from sb3_guide.experiments.report.contrasts import Contrast, area, horizon_of, paired
 
-CURVES = {"level", "condition", "seed", "episodes", "success_rate"}
+CURVES = {"level", "condition", "seed", "episodes", "success_rate", "cic", "message_entropy", "uniform_cic"}
 FINALS = {"level", "condition", "seed", "train_episodes", "n_epochs", "success_rate"}
 
 

@@ -12,6 +12,7 @@ from sb3_guide.experiments.report.tables import write_tables
 from sb3_guide.experiments.workflow.conditions import load_catalogue
 
 EPISODES = np.array([0, 500, 1000, 2000, 4000])
+INFLUENCE, MEASURES = np.array([0.0, 0.01, 0.02, 0.03, 0.04]), ("cic", "message_entropy", "uniform_cic")
 SPEED = {"learner": 1000, "guided": 200, "guide": 2000, "silent": 1000, "transfer": 100, "guided-by-GoToLocal": 200}
 
 
@@ -22,7 +23,8 @@ def write_study(folder: Path, levels: list[str], conditions: list[str], seeds: i
             for seed in range(seeds):
                 key = {"level": level, "condition": condition, "seed": seed}
                 success = 1 - np.exp(-EPISODES / SPEED[condition]) - 0.01 * rng.random(5) * (EPISODES > 0)
-                curves += [key | {"episodes": n, "success_rate": rate} for n, rate in zip(EPISODES, success, strict=True)]
+                points = zip(EPISODES, success, INFLUENCE, strict=True)
+                curves += [key | {"episodes": n, "success_rate": rate} | dict.fromkeys(MEASURES, x) for n, rate, x in points]
                 finals.append(key | {"train_episodes": 1000, "n_epochs": 4, "success_rate": 0.98 + 0.001 * rng.random()})
     folder.mkdir(exist_ok=True)
     pd.DataFrame(curves).to_csv(folder / "curves.csv", index=False)
@@ -39,6 +41,7 @@ def test_pages_of_a_study_that_is_not_complete(tmp_path: Path) -> None:
     assert "## It takes language, not just the knowledge in the Guide's weights: does not hold" in intra
     assert "## A channel on which nothing is said costs nothing (a check of the set-up): holds" in intra
     assert "Not run: guided and learner on GoToObj;" in intra
+    assert "| GoToLocal | 1 | 4 | 0.0200 ± 0.0000 | 0.0200 ± 0.0000 | 0.0200 ± 0.0000 |" in intra  # after 1000 episodes
     assert "guided-by-GoToLocal against learner | 4 |" in curriculum
     assert not (tmp_path / "lowdata.md").exists()
     assert "nan" not in overview + intra + curriculum

@@ -182,7 +182,12 @@ def test_stage_two_and_three(demos, tmp_path):
     assert len(found["messages"]) == len(found["counts"]) == 9
     assert sum(map(sum, found["counts"])) == found["frames"]
     assert 0 <= found["cic"] <= found["message_entropy"]
+    assert found["in_play"]["cic"]["low"] <= found["in_play"]["cic"]["mean"] <= found["in_play"]["cic"]["high"]
     assert (tmp_path / "analysis" / "episode.gif").read_bytes().startswith(b"GIF89a")
+    for name in ("actions.png", "situations.png", "cells.png"):
+        assert (tmp_path / "analysis" / name).read_bytes().startswith(b"\x89PNG")
+    kept = json.loads((tmp_path / "guided" / "highest_cic" / "agent.json").read_text())
+    assert kept == json.loads((tmp_path / "guided" / "agent.json").read_text())
 
 
 def test_controls(demos, tmp_path):

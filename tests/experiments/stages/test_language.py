@@ -1,0 +1,64 @@
+"""Speaking to agents and taking their words away, as commands on the shipped agents."""
+
+import json
+
+import numpy as np
+import pytest
+
+from sb3_guide.experiments.stages.ablate import ablate_agent
+from sb3_guide.experiments.stages.speak import speak_to
+from sb3_guide.experiments.stages.statistics import paired_successes
+from sb3_guide.speakers import speaker_folder
+
+GUIDED = {"agent": speaker_folder("GoToLocal", "guided"), "level": None, "seed": 0, "threads": 1}
+
+
+@pytest.mark.parametrize("guidance", ["waltz", "file", "say"])
+def test_a_choreography_is_danced(guidance, tmp_path):
+    file = tmp_path / "mine.txt"
+    file.write_text("forward\nforward, left  # round the corner\n" * 4)
+    script = {"waltz": ([], "waltz"), "file": ([], str(file)), "say": (["forward", "left"], None)}[guidance]
+    speak_to(say=script[0], choreography=script[1], measure=False, out=tmp_path / "out", **{**GUIDED, **mirrored(guidance)})
+    walk = json.loads((tmp_path / "out" / "speech.json").read_text())["walk"]
+    assert walk["meant"] == walk["taken"]
+    assert (tmp_path / "out" / "walk.png").read_bytes().startswith(b"\x89PNG")
+
+
+def mirrored(guidance: str) -> dict[str, object]:
+    """The agent that has the words: one for left on GoToLocal, one for right on PutNextLocal's Guide."""
+    return {"agent": speaker_folder("PutNextLocal", "guide")} if guidance == "waltz" else {}
+
+
+def test_obedience_is_the_same_each_time(tmp_path):
+    for out in ("a", "b"):
+        speak_to(say=[], choreography=None, measure=True, out=tmp_path / out, **GUIDED)
+    found = [json.loads((tmp_path / out / "speech.json").read_text())["obedience"] for out in ("a", "b")]
+    assert found[0] == found[1]
+    assert found[0]["messages"] == 500
+    assert found[0]["raw"] > 0.9
+
+
+def test_unknown_choreographies_and_words(tmp_path):
+    arguments = {"measure": False, "out": tmp_path / "out", **GUIDED}
+    with pytest.raises(FileNotFoundError, match="there is no choreography 'polka': expected pirouette, waltz"):
+        speak_to(say=[], choreography="polka", **arguments)
+    with pytest.raises(ValueError, match="no word for 'toggle'"):
+        speak_to(say=["toggle"], choreography=None, **arguments)
+
+
+def test_what_each_intervention_costs(tmp_path):
+    ablate_agent(GUIDED["agent"], "GoToLocal", 40, tmp_path / "ablation.json", threads=1)
+    found = json.loads((tmp_path / "ablation.json").read_text())["interventions"]
+    assert list(found) == ["spoken", "silent", "uniform", "marginal", "shuffled", "delayed", "swapped 0", "swapped 1"]
+    assert found["spoken"]["success_rate"] > 0.9 > found["silent"]["success_rate"]
+    assert found["silent"]["p_value"] < 0.001
+
+
+def test_paired_successes_by_hand():
+    a, b = np.array([1, 1, 0, 0, 0, 0], dtype=bool), np.array([1, 0, 1, 1, 1, 1], dtype=bool)
+    found = paired_successes(a, b)
+    assert found["difference"] == pytest.approx(-0.5)
+    assert found["p_value"] == pytest.approx(2 * (1 + 5) / 2**5)  # one against four of five that differ
+    assert paired_successes(a, a)["p_value"] == 1
+    with pytest.raises(ValueError, match="expected the same missions, at least 2"):
+        paired_successes(a, b[:5])
