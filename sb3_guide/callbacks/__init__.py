@@ -2,10 +2,12 @@
 
 from sb3_guide.callbacks.checkpoint import TrainingCheckpoint, restore_training
 from sb3_guide.callbacks.communication import CICCallback
+from sb3_guide.callbacks.language import LanguageCallback
 from sb3_guide.callbacks.success import StopTrainingOnSuccessRate, SuccessRateCallback
 
 __all__ = [
     "CICCallback",
+    "LanguageCallback",
     "StopTrainingOnSuccessRate",
     "SuccessRateCallback",
     "TrainingCheckpoint",

@@ -1,5 +1,8 @@
 """Speaking to agents, with those that are shipped."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from stable_baselines3 import PPO
@@ -11,7 +14,7 @@ from sb3_guide.language import ablate, ablations, learn, obey, perform, read, st
 from sb3_guide.metrics import obedience
 from sb3_guide.policies.interventions import Intervention
 
-LEVEL = "GoToLocal"
+LEVEL, PAGE = "GoToLocal", Path(__file__).parents[2] / "docs" / "language.md"
 
 
 @pytest.fixture(scope="module")
@@ -108,3 +111,10 @@ def test_ablations_are_paired_and_repeatable(policy, reading):
 def test_how_often_the_agent_says_what(reading):
     assert sum(ablations(reading)["marginal"].probabilities) == pytest.approx(1)
     assert [name for name in ablations(reading) if name.startswith("swapped")] == ["swapped 0", "swapped 1"]
+
+
+def test_the_example_of_the_docs():
+    (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
+    scope: dict[str, object] = {}
+    exec(code, scope)
+    assert scope["actions"].shape == (2,)

@@ -10,10 +10,10 @@ import torch as th
 from sb3_guide.cloning import Episodes, load_demonstrations, measure_communication, mission_seeds
 from sb3_guide.envs import ACTIONS, GuideGridEnv, level_of
 from sb3_guide.experiments.stages.animation import Caption, write_animation
-from sb3_guide.experiments.stages.pictures import draw_bars, draw_cells
 from sb3_guide.experiments.stages.runs import record, use_threads
 from sb3_guide.files import write_json
 from sb3_guide.language import SITUATIONS, Reading, memory_of, read, situations, targets
+from sb3_guide.language.pictures import conditional_bars, save_figure, view_maps
 from sb3_guide.metrics import (
     cic,
     cic_as_published,
@@ -139,8 +139,9 @@ def draw(found: dict[str, Any], out: Path) -> None:
             found["situation_intervals"],
         ),
     ):
-        draw_bars(out / file, rows, columns, np.array(counts), np.array(bounds, dtype=np.float64))
-    draw_cells(out / "cells.png", found["messages"], np.array(found["cell_counts"]))
+        figure = conditional_bars(rows, columns, np.array(counts), np.array(bounds, dtype=np.float64))
+        save_figure(figure, out / file)
+    save_figure(view_maps(found["messages"], np.array(found["cell_counts"])), out / "cells.png")
 
 
 def animate(episodes: Episodes, messages: np.ndarray, names: list[str], level: str, path: Path) -> None:

@@ -9,10 +9,10 @@ import numpy as np
 
 from sb3_guide.cloning import mission_seeds
 from sb3_guide.envs import ACTIONS, GuideGridEnv, level_of
-from sb3_guide.experiments.stages.pictures import draw_walk
 from sb3_guide.experiments.stages.runs import record, use_threads
 from sb3_guide.files import write_json
 from sb3_guide.language import CHOREOGRAPHIES, Dictionary, learn, obey, perform, read, steps_of
+from sb3_guide.language.pictures import save_figure, walk_figure
 from sb3_guide.metrics import obedience
 from sb3_guide.policies import AgentPolicy, load_agent
 from sb3_guide.policies.folder import read_agent
@@ -124,7 +124,7 @@ def walk(policy: AgentPolicy, level: str, told: list[int], dictionary: Dictionar
         if ended:
             break
     print("\n".join(lines))
-    draw_walk(path, grid, np.array(cells), lines)
+    save_figure(walk_figure(grid, np.array(cells), lines), path)
     return {
         "mission": env.mission,
         "mission_seed": int(mission),

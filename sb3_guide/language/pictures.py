@@ -1,4 +1,4 @@
-"""What an agent says and does, as pictures laid out like the paper's figures 7, A.1 to A.3."""
+"""What an agent says and does, as figures laid out like the paper's 7 and A.1 to A.3."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,15 +12,14 @@ from sb3_guide.files import atomically
 INK, FAINT, BAR = "#22262e", "#9aa3b2", "#0072b2"
 
 
-def draw_bars(path: Path, rows: list[str], columns: list[str], counts: np.ndarray, intervals: np.ndarray) -> None:
+def conditional_bars(rows: list[str], columns: list[str], counts: np.ndarray, intervals: np.ndarray | None = None) -> Figure:
     """
     A panel for each row that occurs, with a bar for each column: P(column|row) and its interval.
 
-    :param path: of the PNG
     :param rows: names of what is given
     :param columns: names of what follows
     :param counts: (R, C)
-    :param intervals: (2, R, C) bounds of the 95 % intervals
+    :param intervals: (2, R, C) bounds of the 95 % intervals, if there are any
     """
     shown = np.flatnonzero(counts.sum(axis=1) > 0)
     across = min(3, len(shown))
@@ -28,7 +27,7 @@ def draw_bars(path: Path, rows: list[str], columns: list[str], counts: np.ndarra
     panels = figure.subplots(-(-len(shown) // across), across, sharex=True, sharey=True, squeeze=False).ravel()
     for panel, row in zip(panels, shown, strict=False):
         rates = counts[row] / counts[row].sum()
-        errors = np.abs(np.nan_to_num(intervals[:, row] - rates))
+        errors = None if intervals is None else np.abs(np.nan_to_num(intervals[:, row] - rates))
         panel.bar(range(len(columns)), rates, color=BAR, yerr=errors, error_kw={"ecolor": INK, "elinewidth": 0.8})
         panel.set_title(f"{rows[row]} ({counts[row].sum():,} frames)", fontsize=9, loc="left")
         panel.set_xticks(range(len(columns)), columns, rotation=60, fontsize=8)
@@ -36,14 +35,13 @@ def draw_bars(path: Path, rows: list[str], columns: list[str], counts: np.ndarra
         panel.spines[["top", "right"]].set_visible(False)
     for panel in panels[len(shown) :]:
         panel.set_visible(False)
-    save(figure, path)
+    return figure
 
 
-def draw_cells(path: Path, messages: list[str], counts: np.ndarray) -> None:
+def view_maps(messages: list[str], counts: np.ndarray) -> Figure:
     """
     A map of the agent's view for each message that occurs: how often it is spoken with the target in each cell.
 
-    :param path: of the PNG
     :param messages: names
     :param counts: (7, 7, M) first across the view, then from far to near
     """
@@ -62,14 +60,13 @@ def draw_cells(path: Path, messages: list[str], counts: np.ndarray) -> None:
     for panel in panels[len(shown) :]:
         panel.set_visible(False)
     figure.colorbar(image, ax=panels[: len(shown)].tolist(), label="P(message | target in this cell)", shrink=0.8)
-    save(figure, path)
+    return figure
 
 
-def draw_walk(path: Path, grid: np.ndarray, cells: np.ndarray, told: Sequence[str]) -> None:
+def walk_figure(grid: np.ndarray, cells: np.ndarray, told: Sequence[str]) -> Figure:
     """
     The way that an agent went when it was told what to do, over the grid where it began (paper figure 7).
 
-    :param path: of the PNG
     :param grid: (height, width, 3) uint8 picture of the grid
     :param cells: (T + 1, 3) column, row and direction (0 right, 1 down, 2 left, 3 up) before each message and after the last
     :param told: what it was told at each of the T steps, in words
@@ -87,10 +84,10 @@ def draw_walk(path: Path, grid: np.ndarray, cells: np.ndarray, told: Sequence[st
     words.text(0, 1, steps, transform=words.transAxes, va="top", fontsize=9, color=INK)
     axes.set_axis_off()
     words.set_axis_off()
-    save(figure, path)
+    return figure
 
 
-def save(figure: Figure, path: Path) -> None:
+def save_figure(figure: Figure, path: Path) -> None:
     """Write a figure as PNG, the same bytes for the same figure."""
     with atomically(path) as partial:
         figure.savefig(partial, format="png", dpi=130, metadata={"Software": None})
