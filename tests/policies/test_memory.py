@@ -7,7 +7,7 @@ import torch as th
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sb3_guide.policies.memory import FEW, Memory, similar
+from sb3_guide.policies.memory import FEW, WIDE, Memory, similar
 
 
 @given(st.lists(st.integers(1, 200), min_size=FEW + 1, max_size=2 * FEW))
@@ -55,3 +55,24 @@ def test_step_by_step_equals_the_sequence():
         for step in range(3):
             output, state = memory.step(features[[step, 3 + step]], state)
             assert th.allclose(output, together[[step, 3 + step]], atol=1e-6)
+
+
+@pytest.mark.parametrize(("precision", "tolerance"), [(th.float32, 1e-4), (th.bfloat16, 0.05)])
+def test_a_wide_memory_has_torchs_outputs_and_gradients(precision, tolerance):
+    """Of features, state and weights; bfloat16 has eight bits."""
+    th.manual_seed(0)
+    lengths = [3, 1, 7, 7]
+    memory, features, frames = Memory(3, WIDE), th.randn(5, 3, requires_grad=True), sum(lengths)
+    position, weight = th.randint(5, (frames,)), th.randn(frames, WIDE)
+    h, c = (th.randn(1, len(lengths), WIDE, requires_grad=True) for _ in range(2))
+    inputs = [features, h, c, *memory.parameters()]
+    found = []
+    for wide in (WIDE, WIDE + 1):
+        with (
+            patch("sb3_guide.policies.memory.WIDE", wide),
+            patch("sb3_guide.policies.through_time.PRECISION", precision),
+        ):
+            output = memory(features, position, th.tensor(lengths), (h, c))
+            found.append([output, *th.autograd.grad((output * weight).sum(), inputs)])
+    for ours, torchs in zip(*found, strict=True):
+        assert (ours - torchs).norm() <= tolerance * torchs.norm()
