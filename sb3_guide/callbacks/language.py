@@ -7,7 +7,6 @@ from stable_baselines3.common.logger import Figure
 from sb3_guide.cloning import mission_seeds
 from sb3_guide.envs import ACTIONS
 from sb3_guide.language import learn, read
-from sb3_guide.language.pictures import conditional_bars
 from sb3_guide.policies import AgentPolicy
 
 FORMATS = ("stdout", "log", "json", "csv")  # SB3's, which show no pictures
@@ -17,7 +16,8 @@ class LanguageCallback(BaseCallback):
     """
     Let the agent play validation missions now and then, and show in TensorBoard how often each message is sent
     (``guide/messages``) and which actions follow it (``guide/actions``, the paper's figure A.1). Works with PPO, A2C and
-    RecurrentPPO and our policies with a channel, and changes nothing in their training.
+    RecurrentPPO and our policies with a channel, and changes nothing in their training. Needs matplotlib and tensorboard,
+    which the extra ``experiments`` brings.
 
     :param level: name or id of the level to play
     :param n_episodes: missions to play
@@ -49,6 +49,8 @@ class LanguageCallback(BaseCallback):
         self.n_rollouts += 1
         if self.n_rollouts % self.every_n_rollouts:
             return
+        from sb3_guide.language.pictures import conditional_bars  # needs matplotlib, which trainings without pictures don't
+
         assert isinstance(self.model.policy, AgentPolicy)
         reading = read(self.model.policy, self.level, self.seeds)
         figure = conditional_bars(reading.shape.names(), list(ACTIONS), learn(reading).counts)
