@@ -52,7 +52,7 @@ def speak_to(
     dictionary = learn(read(policy, level, mission_seeds("validation", LEARNED_ON)))
     print(in_words(dictionary))
     found: dict[str, Any] = {"dictionary": entries(dictionary)}
-    script = ", ".join(say) if say else None if choreography is None else text_of(choreography)
+    script = ", ".join(say) if say else None if choreography is None else text_of(choreography, dictionary)
     out.mkdir(parents=True, exist_ok=True)
     if script is not None:
         found["walk"] = walk(policy, level, steps_of(script, dictionary), dictionary, seed, out / "walk.png")
@@ -87,13 +87,17 @@ def in_words(dictionary: Dictionary) -> str:
     )
 
 
-def text_of(choreography: str) -> str:
+def text_of(choreography: str, dictionary: Dictionary) -> str:
     """
-    :param choreography: name of one of ours, or path of a text file
+    :param choreography: name of one of ours, which turns to the left where that is the only side that the agent has a word for,
+        or path of a text file
+    :param dictionary: of the agent
     :raises FileNotFoundError: if it is neither
     """
     if choreography in CHOREOGRAPHIES:
-        return ", ".join(CHOREOGRAPHIES[choreography])
+        left, right = (ACTIONS.index(side) in dictionary.meanings for side in ("left", "right"))
+        steps = CHOREOGRAPHIES[choreography]
+        return ", ".join("left" if step == "right" and left and not right else step for step in steps)
     if not Path(choreography).is_file():
         raise FileNotFoundError(
             f"there is no choreography {choreography!r}: expected {', '.join(CHOREOGRAPHIES)}, or a text file with an action "

@@ -5,9 +5,12 @@ import json
 import numpy as np
 import pytest
 
+from sb3_guide.envs import ACTIONS
 from sb3_guide.experiments.stages.ablate import ablate_agent
-from sb3_guide.experiments.stages.speak import speak_to
+from sb3_guide.experiments.stages.speak import speak_to, text_of
 from sb3_guide.experiments.stages.statistics import paired_successes
+from sb3_guide.language import Dictionary
+from sb3_guide.policies.channel import MessageShape
 from sb3_guide.speakers import speaker_folder
 
 GUIDED = {"agent": speaker_folder("GoToLocal", "guided"), "level": None, "seed": 0, "threads": 1}
@@ -27,6 +30,15 @@ def test_a_choreography_is_danced(guidance, tmp_path):
 def mirrored(guidance: str) -> dict[str, object]:
     """The agent that has the words: one for left on GoToLocal, one for right on PutNextLocal's Guide."""
     return {"agent": speaker_folder("PutNextLocal", "guide")} if guidance == "waltz" else {}
+
+
+def test_an_agent_that_only_knows_left_turns_left():
+    counts = np.zeros((9, len(ACTIONS)), dtype=np.int64)
+    counts[0, ACTIONS.index("left")] = counts[4, ACTIONS.index("forward")] = 100
+    one_sided = Dictionary(MessageShape(), counts)
+    assert text_of("pirouette", one_sided) == "left, left, left, left"
+    counts[8, ACTIONS.index("right")] = 100
+    assert text_of("pirouette", one_sided) == "right, right, right, right"
 
 
 def test_obedience_is_the_same_each_time(tmp_path):
