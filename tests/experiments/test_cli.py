@@ -56,6 +56,9 @@ def test_every_level_has_its_hyper_parameters(name, level):
     assert load_config(name, level)
 
 
+KEY = "GuideGrid-GoToObj-v0"
+
+
 def test_configs_that_cannot_be_read(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"none\.yml does not exist"):
         load_config("ppo", "GoToObj", tmp_path / "none.yml")
@@ -63,6 +66,10 @@ def test_configs_that_cannot_be_read(tmp_path):
         ("a: [", "is no YAML"),
         ("a: 1", "has no entry GuideGrid-GoToObj-v0: it has a"),
         ("", "it has none"),
+        (f"{KEY}: {{policy: LearnerPolicy, n_envs: 4}}", "lacks n_timesteps"),
+        (f"{KEY}: {{policy: LearnerPolicy, n_envs: {10**9}, n_timesteps: 1}}", "n_envs=1000000000: expected a whole number"),
+        (f"{KEY}: {{policy: LearnerPolicy, n_envs: 4.5, n_timesteps: 1}}", "n_envs=4.5: expected a whole number"),
+        (f"{KEY}: {{policy: LearnerPolicy, n_envs: 512, n_steps: 1024, n_timesteps: 1}}", "expected at most 262144 frames"),
     ):
         (tmp_path / "some.yml").write_text(content)
         with pytest.raises(ValueError, match=message):

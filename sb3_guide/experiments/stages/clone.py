@@ -17,7 +17,7 @@ from sb3_guide.cloning import Demonstrations, Validation, load_demonstrations, m
 from sb3_guide.cloning.bc import EpisodeLoss, episode_bc
 from sb3_guide.cloning.demonstrations import pool
 from sb3_guide.envs import ACTIONS, observation_space
-from sb3_guide.experiments.stages.configs import algorithm_arguments, load_config
+from sb3_guide.experiments.stages.configs import algorithm_arguments, check_numbers, load_config
 from sb3_guide.experiments.stages.evaluate import evaluate
 from sb3_guide.experiments.stages.levels import join_levels, split_levels
 from sb3_guide.experiments.stages.runs import Run, digest, stage, use_threads, write_table
@@ -173,12 +173,14 @@ def override(config: dict[str, Any], params: Sequence[str]) -> dict[str, Any]:
     :param config: the level's entry of bc.yml
     :param params: such as "n_epochs:5"
     :return: the entry with those values instead
-    :raises ValueError: if there is no such hyper-parameter
+    :raises ValueError: if there is no such hyper-parameter, or a number is out of range
     """
     changes = dict(param.partition(":")[::2] for param in params)
     if unknown := changes.keys() - config.keys():
         raise ValueError(f"--params {', '.join(sorted(unknown))} are unknown: expected NAME:VALUE of {', '.join(config)}")
-    return {**config, **{name: yaml.safe_load(value) for name, value in changes.items()}}
+    overridden = {**config, **{name: yaml.safe_load(value) for name, value in changes.items()}}
+    check_numbers(overridden)
+    return overridden
 
 
 def demonstrations_of(levels: Sequence[str], folders: Sequence[Path], split: str) -> list[Demonstrations]:

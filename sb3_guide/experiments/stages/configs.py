@@ -1,16 +1,32 @@
 """Hyper-parameters, which live in zoo_configs/ only."""
 
 import math
+import reprlib
 from pathlib import Path
 from typing import Any
 
-import yaml
 from stable_baselines3.common.type_aliases import Schedule
 
 from sb3_guide.envs import level_of
+from sb3_guide.envs.batch import MAX_WORLDS
+from sb3_guide.files import fits, read_yaml
 
 PACKAGE = Path(__file__).parents[2]
 FOLDERS = (PACKAGE / "zoo_configs", PACKAGE.parent / "zoo_configs")  # inside a wheel, beside the package in a checkout
+
+# What every entry must have: those of cloning, and those of an algorithm of SB3's
+OF_CLONING = (
+    *("train_episodes", "validation_episodes", "analysis_episodes", "n_epochs", "validate_every", "validate_at"),
+    *("batch_size", "learning_rate", "ent_weight"),
+)
+OF_TRAINING = ("policy", "n_envs", "n_timesteps")
+# The largest whole numbers, so that none asks for more memory than a machine has; the least is 1
+MOST = {
+    **{"n_envs": MAX_WORLDS, "n_steps": 2**18, "batch_size": 2**18, "n_timesteps": 10**12},
+    **{"n_epochs": 10**6, "validate_every": 10**6, "validation_episodes": 10**6, "analysis_episodes": 10**6},
+    **{"recorded_episodes": 10**7, "train_episodes": 10**7},
+}
+MOST_FRAMES = 2**18  # in a rollout
 
 OF_THE_ZOO = ("policy", "n_envs", "n_timesteps", "env_kwargs", "callback")  # keys that rl-zoo itself reads
 
@@ -39,7 +55,7 @@ def schedule(text: str) -> Schedule:
         start = float(initial)
     except ValueError:
         start = math.nan
-    if kind != "lin" or math.isnan(start):
+    if kind != "lin" or not math.isfinite(start):
         raise ValueError(f"schedule {text!r} is unknown: expected a number, or lin_ and a number")
     return lambda progress_remaining: progress_remaining * start
 
@@ -50,17 +66,33 @@ def load_config(name: str, level: str, file: Path | None = None) -> dict[str, An
     :param level: whose entry to take
     :param file: YAML in rl-zoo's format to read instead of the packaged one
     :raises FileNotFoundError: if the file does not exist
-    :raises ValueError: if it is no YAML mapping or has no entry for the level
+    :raises ValueError: if it is no YAML mapping or has no usable entry for the level
     """
     path = next(folder for folder in FOLDERS if folder.is_dir()) / f"{name}.yml" if file is None else file
     if not path.is_file():
         raise FileNotFoundError(f"{path} does not exist: expected a YAML file in rl-zoo's format")
-    try:
-        entries = yaml.safe_load(path.read_text())
-    except yaml.YAMLError as error:
-        raise ValueError(f"{path} is no YAML: {error}") from error
+    entries = read_yaml(path)
     key = level_of(level).env_id
     if not isinstance(entries, dict) or not isinstance(entries.get(key), dict):
-        known = ", ".join(entries) if isinstance(entries, dict) else "none"
+        known = ", ".join(map(str, entries)) if isinstance(entries, dict) else "none"
         raise ValueError(f"{path} has no entry {key}: it has {known}; add one or pass another file with --config")
-    return entries[key]
+    config = entries[key]
+    if missing := [entry for entry in (OF_CLONING if name == "bc" else OF_TRAINING) if entry not in config]:
+        raise ValueError(f"{key} in {path} lacks {', '.join(missing)}")
+    check_numbers(config)
+    return config
+
+
+def check_numbers(config: dict[str, Any]) -> None:
+    """
+    :param config: a level's entry in rl-zoo's format
+    :raises ValueError: if a number is out of range
+    """
+    for name, most in MOST.items():
+        if name in config and not (isinstance(config[name], int) and 1 <= config[name] <= most):
+            raise ValueError(f"{name}={reprlib.repr(config[name])}: expected a whole number from 1 to {most}")
+    if (frames := config.get("n_envs", 1) * config.get("n_steps", 1)) > MOST_FRAMES:
+        raise ValueError(f"n_envs times n_steps is {frames}: expected at most {MOST_FRAMES} frames in a rollout")
+    points = config.get("validate_at", [])
+    if not fits(points, list[int | float]) or not all(0 <= point <= MOST["n_epochs"] for point in points):
+        raise ValueError(f"validate_at={reprlib.repr(points)}: expected a list of epochs")

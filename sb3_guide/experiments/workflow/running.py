@@ -160,7 +160,7 @@ class Stopwatch:
     def __init__(self, path: Path) -> None:
         path.parent.mkdir(exist_ok=True)
         self.path = path
-        self.before = float(read_json(path)) if path.exists() else 0.0
+        self.before = read_json(path, float) if path.exists() else 0.0
         self.start = time.monotonic()
 
     def save(self) -> float:
