@@ -27,7 +27,7 @@ from sb3_guide.envs.vocabulary import MISSION_LENGTH, decode
 Observation: TypeAlias = dict[str, np.ndarray]
 
 _WORD = (1 << 64) - 1
-MAX_WORLDS, MAX_IMAGES = 2**18, 2**21  # in a batch; the images are those that all its worlds remember
+MAX_WORLDS, MAX_IMAGES = 2**18, 2**20  # in a batch; the images are those that all its worlds remember
 _PATIENCE = 3.0  # seconds; loading compiled code takes less
 
 

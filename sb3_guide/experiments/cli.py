@@ -241,7 +241,7 @@ def main() -> None:
     """Entry point: wrong use ends with one line that says what to do, not with a traceback."""
     try:
         app()
-    except (ValueError, FileNotFoundError, RuntimeError) as error:
+    except (ValueError, OSError, RuntimeError) as error:
         sys.exit(f"sb3-guide: {error}")
 
 

@@ -19,7 +19,7 @@ from sb3_guide.policies.networks import AgentNetwork, GuideNetwork, Latent
 from sb3_guide.policies.sequences import Observations
 
 TWO_LAYERS = {"pi": [64], "vf": [64]}  # one hidden layer and SB3's linear head: the paper's two-layered policy module
-MAX_UNITS, MAX_LAYERS = 4096, 8
+MAX_UNITS, MAX_LAYERS = 2048, 8
 
 
 class Heads(MlpExtractor):

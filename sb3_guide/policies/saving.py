@@ -82,7 +82,7 @@ def load_agent(folder: str | Path, kind: type[AgentPolicy] | None = None) -> Age
     try:
         policy = build(policy_class, description)
         load_weights(policy, weights)
-    except (AttributeError, KeyError, RuntimeError, TypeError, ValueError) as error:
+    except (AssertionError, AttributeError, LookupError, OverflowError, RuntimeError, TypeError, ValueError) as error:
         reason = shorten(str(error), 200)  # torch names every weight
         raise ValueError(f"{folder} is damaged: its weights and its description don't fit ({reason})") from error
     policy.set_training_mode(False)

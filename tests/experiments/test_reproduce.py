@@ -129,6 +129,19 @@ def test_a_run_that_is_killed_again_and_again_ends_with_the_same_summary(
     assert summary_of(tmp_path) == undisturbed
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_run_that_is_asked_to_end_leaves_nothing_running(number: signal.Signals, workflow: Path, tmp_path: Path) -> None:
+    process = start(workflow, tmp_path, seconds=60)
+    wait_for(tmp_path / "log" / "GoToObj" / "expert.log", process)
+    (caller,) = psutil.Process(process.pid).children()
+    for _ in range(3):  # whoever is impatient asks again
+        caller.send_signal(number)
+    assert process.wait(timeout=20) in (1, 128 + number)
+    assert processes_of(tmp_path) == []
+    with locked(tmp_path):
+        pass
+
+
 def test_what_a_killed_run_left_is_ended_and_nothing_else(tmp_path: Path) -> None:
     for name in ("run", "other"):
         subprocess.Popen(["sleep", "60"], env={**os.environ, RUN_VARIABLE: str(tmp_path / name)})

@@ -17,7 +17,7 @@ from sb3_guide.cloning import Demonstrations, Validation, load_demonstrations, m
 from sb3_guide.cloning.bc import EpisodeLoss, episode_bc
 from sb3_guide.cloning.demonstrations import pool
 from sb3_guide.envs import ACTIONS, observation_space
-from sb3_guide.experiments.stages.configs import algorithm_arguments, check_numbers, load_config
+from sb3_guide.experiments.stages.configs import algorithm_arguments, check_numbers, in_use, load_config
 from sb3_guide.experiments.stages.evaluate import evaluate
 from sb3_guide.experiments.stages.levels import join_levels, split_levels
 from sb3_guide.experiments.stages.runs import Run, digest, stage, use_threads, write_table
@@ -95,7 +95,8 @@ def clone(
         use_threads(threads)
         set_random_seed(seed)
         train, validation = (demonstrations_of(names, demos, split) for split in ("train", "validation"))
-        policy = build(agent, config, policy_kwargs, init)
+        with in_use(config):
+            policy = build(agent, config, policy_kwargs, init)
         Cloning(policy, [part.first(config["train_episodes"]) for part in train], validation, out, seed, config, run).train()
         save_agent(policy, out, join_levels(names))
         evaluate(out, join_levels(names), config["analysis_episodes"], out / "evaluation.json", threads)

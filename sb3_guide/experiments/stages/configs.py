@@ -2,7 +2,10 @@
 
 import math
 import reprlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
 from stable_baselines3.common.type_aliases import Schedule
@@ -26,7 +29,7 @@ MOST = {
     **{"n_epochs": 10**6, "validate_every": 10**6, "validation_episodes": 10**6, "analysis_episodes": 10**6},
     **{"recorded_episodes": 10**7, "train_episodes": 10**7},
 }
-MOST_FRAMES = 2**18  # in a rollout
+MOST_VALUES = 2**27  # in the observations of a rollout: half a gigabyte as SB3 keeps them
 
 OF_THE_ZOO = ("policy", "n_envs", "n_timesteps", "env_kwargs", "callback")  # keys that rl-zoo itself reads
 
@@ -60,6 +63,21 @@ def schedule(text: str) -> Schedule:
     return lambda progress_remaining: progress_remaining * start
 
 
+@contextmanager
+def in_use(config: dict[str, Any]) -> Iterator[None]:
+    """
+    Say in one line what a block that is given hyper-parameters can't do with them.
+
+    :param config: a level's entry in rl-zoo's format
+    :raises ValueError: instead of what such a block raises
+    """
+    try:
+        yield
+    except (ArithmeticError, AssertionError, AttributeError, LookupError, NotImplementedError, TypeError) as error:
+        reason = shorten(f"{type(error).__name__}: {error}", 200)
+        raise ValueError(f"the hyper-parameters {reprlib.repr(config)} can't be used ({reason})") from error
+
+
 def load_config(name: str, level: str, file: Path | None = None) -> dict[str, Any]:
     """
     :param name: of a packaged file, such as "ppo" or "bc"
@@ -91,8 +109,6 @@ def check_numbers(config: dict[str, Any]) -> None:
     for name, most in MOST.items():
         if name in config and not (isinstance(config[name], int) and 1 <= config[name] <= most):
             raise ValueError(f"{name}={reprlib.repr(config[name])}: expected a whole number from 1 to {most}")
-    if (frames := config.get("n_envs", 1) * config.get("n_steps", 1)) > MOST_FRAMES:
-        raise ValueError(f"n_envs times n_steps is {frames}: expected at most {MOST_FRAMES} frames in a rollout")
     points = config.get("validate_at", [])
     if not fits(points, list[int | float]) or not all(0 <= point <= MOST["n_epochs"] for point in points):
         raise ValueError(f"validate_at={reprlib.repr(points)}: expected a list of epochs")

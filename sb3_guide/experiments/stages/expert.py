@@ -1,8 +1,10 @@
 """Stage 1: an expert by stock SB3 PPO (paper section 3.3), or another algorithm of SB3's family."""
 
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
+from gymnasium.spaces.utils import flatdim
 from sb3_contrib import RecurrentPPO
 from stable_baselines3 import A2C, PPO
 from stable_baselines3.common.callbacks import BaseCallback
@@ -21,7 +23,7 @@ from sb3_guide.callbacks import (
 from sb3_guide.callbacks.checkpoint import load_state
 from sb3_guide.callbacks.success import EpisodeSuccesses
 from sb3_guide.envs import GuideGridVecEnv, level_of
-from sb3_guide.experiments.stages.configs import algorithm_arguments, load_config
+from sb3_guide.experiments.stages.configs import MOST_VALUES, algorithm_arguments, in_use, load_config
 from sb3_guide.experiments.stages.runs import TableWriter, plain_values, stage, use_threads
 from sb3_guide.policies import AgentPolicy, load_agent, save_agent
 from sb3_guide.policies.agents import GuideAgent, GuidedLearnerAgent, LearnerAgent
@@ -68,7 +70,8 @@ def train_expert(
             return
         use_threads(threads)
         checkpoint, rows, logged = out / "checkpoint" / "training.pt", [], {}
-        model, callbacks = build(ALGORITHMS[algo], level, seed, config), [SuccessRateCallback(), *build_callbacks(config)]
+        with in_use(config):
+            model, callbacks = build(ALGORITHMS[algo], level, seed, config), [SuccessRateCallback(), *build_callbacks(config)]
         watchers = [callback for callback in callbacks if isinstance(callback, EpisodeSuccesses)]
         assert isinstance(model.policy, AgentPolicy)
         if init is not None:
@@ -102,8 +105,12 @@ def build(algorithm: type[OnPolicyAlgorithm], level: str, seed: int, config: dic
     :param seed: of everything
     :param config: the level's entry in rl-zoo's format
     :return: a model in its worlds, not yet trained
+    :raises ValueError: if a rollout would take too much memory
     """
     venv = VecMonitor(GuideGridVecEnv(level_of(level).env_id, config["n_envs"], **config.get("env_kwargs", {})))
+    n_steps = config.get("n_steps", signature(algorithm).parameters["n_steps"].default)
+    if (values := n_steps * config["n_envs"] * flatdim(venv.observation_space)) > MOST_VALUES:
+        raise ValueError(f"a rollout would hold {values} values: expected at most {MOST_VALUES}; lower n_steps or n_envs")
     return algorithm(config["policy"], venv, seed=seed, **algorithm_arguments(config))
 
 

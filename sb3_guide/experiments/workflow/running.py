@@ -1,14 +1,17 @@
 """One call that works in a folder: alone, going on where a killed one stopped, and leaving nothing running."""
 
 import os
+import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Thread
+from types import FrameType
 from typing import Any
 
 import psutil
@@ -20,6 +23,7 @@ from sb3_guide.files import read_json, write_json
 SNAKEFILE = Path(__file__).with_name("Snakefile")
 RUN_VARIABLE = "SB3_GUIDE_RUN"  # in the environment of every process of a run: the run's folder
 POLL_SECONDS = 0.5
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # Ctrl-C; kill; a terminal that is closed
 
 
 @contextmanager
@@ -42,12 +46,40 @@ def locked(folder: Path) -> Iterator[None]:
         raise RuntimeError(f"{folder} is in use by another reproduce: wait for it, or choose another folder") from None
     except OSError as error:
         raise RuntimeError(f"{folder} can't be used ({error}): choose another folder") from error
+    with interruptible():
+        try:
+            end_leftovers(folder)
+            yield
+        finally:
+            end_leftovers(folder)
+            lock.release()
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """
+    Let the first signal that asks for the end raise KeyboardInterrupt or SystemExit, so that all is left in order, which
+    further signals don't disturb. Signals that are ignored already, as SIGHUP under nohup, stay so. Only the main thread of
+    a process can be told of signals: in another one this does nothing.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    heeded = [number for number in SIGNALS if before[number] != signal.SIG_IGN]
+
+    def end(number: int, frame: FrameType | None) -> None:
+        for each in heeded:
+            signal.signal(each, signal.SIG_IGN)
+        raise KeyboardInterrupt if number == signal.SIGINT else SystemExit(128 + number)
+
+    for number in heeded:
+        signal.signal(number, end)
     try:
-        end_leftovers(folder)
         yield
     finally:
-        end_leftovers(folder)
-        lock.release()
+        for number in heeded:
+            signal.signal(number, before[number])
 
 
 def end_abandoned(owner: Path) -> bool:

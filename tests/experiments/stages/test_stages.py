@@ -92,6 +92,21 @@ def test_an_expert_is_written_with_all_that_it_depends_on(tmp_path):
     assert 0 <= float(rows[-1]["rollout/success_rate"]) <= 1
 
 
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"n_steps": 2**17}, "a rollout would hold 346030080 values: expected at most 134217728"),
+        ({"env_kwargs": {"history": 10**6}}, "history=1000000 in 4 worlds: expected 0 to"),
+        ({"policy_kwargs": {"hat": 1}}, "can't be used .TypeError: .*'hat'"),
+        ({"callback": 3}, "can't be used .TypeError"),
+    ],
+)
+def test_hyper_parameters_that_cannot_be_used(changes, message, tmp_path):
+    config = write_config(tmp_path / "ppo.yml", PPO | changes)
+    with pytest.raises(ValueError, match=message):
+        train_expert(KEY, tmp_path / "expert", seed=1, threads=1, resume=False, config_file=config)
+
+
 def test_the_same_seed_gives_the_same_expert_on_two_threads(tmp_path):
     config = write_config(tmp_path / "ppo.yml", PPO | {"n_envs": 32, "batch_size": 512, "n_timesteps": 1024})
     try:
