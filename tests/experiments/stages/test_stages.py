@@ -12,9 +12,10 @@ from pathlib import Path
 import pytest
 import torch as th
 import yaml
+from filelock import FileLock
 
 from sb3_guide.cloning import load_demonstrations, save_demonstrations
-from sb3_guide.experiments.stages import record
+from sb3_guide.experiments.stages import record, runs
 from sb3_guide.experiments.stages.analyze import analyze
 from sb3_guide.experiments.stages.clone import clone
 from sb3_guide.experiments.stages.evaluate import evaluate
@@ -254,6 +255,16 @@ def test_a_run_whose_settings_have_changed_runs_anew_and_says_so(demos, tmp_path
     clone("learner", out=tmp_path / "out", seed=1, **shared)
     assert "(seed), which is deleted" in capsys.readouterr().err
     assert equal(tmp_path / "out", tmp_path / "other")
+
+
+def test_two_runs_in_one_folder(demos, tmp_path, monkeypatch):
+    monkeypatch.setattr(runs, "PATIENCE", 0.1)
+    config = write_config(tmp_path / "ppo.yml", PPO)
+    busy = pytest.raises(RuntimeError, match="is in use by another call: wait for it, or choose another --out")
+    with FileLock(tmp_path / "lock"), busy:
+        train_expert(KEY, tmp_path, seed=1, threads=1, resume=True, config_file=config)
+    with FileLock(tmp_path / "demos.lock"), busy:
+        record_demonstrations("GoToObj", demos / "expert", "train", 10, tmp_path / "demos", threads=1)
 
 
 def test_a_run_knows_when_its_guide_has_changed(demos, tmp_path, capsys):
