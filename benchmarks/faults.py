@@ -245,7 +245,9 @@ class Sets(Kind):
             return False
         arrays, header = read_arrays(self.folder / "GoToObj")
         if how < 0.85:
-            write_arrays(self.folder / "damaged", arrays, {k: str(v) for k, v in misstated(header, rng).items()})
+            write_arrays(
+                self.folder / "damaged", arrays, {name: said(value) for name, value in misstated(header, rng).items()}
+            )
             return False
         del header["sha256"]
         if rng.random() < 0.5:
@@ -317,15 +319,16 @@ studies:
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
         self.files = {"ppo": self.PPO.encode(), "bc": self.BC.encode(), "conditions": self.CONDITIONS.encode()}
+        self.parsed = {name: yaml.safe_load(content) for name, content in self.files.items()}
         write(folder, self.files)
 
     def damage(self, rng: np.random.Generator) -> bool:
-        name, other = (str(each) for each in rng.choice(list(self.files), 2, replace=False, p=(0.475, 0.475, 0.05)))
+        name, other = (str(each) for each in rng.choice(list(self.files), 2, replace=False, p=(0.49, 0.49, 0.02)))
         content, how = self.files[name], rng.random()
         if how < 0.5:
             content = damaged(content, self.files[other], rng)
         elif how < 0.9:
-            content = yaml.safe_dump(misstated(yaml.safe_load(content), rng)).encode()
+            content = yaml.safe_dump(misstated(self.parsed[name], rng)).encode()
         else:
             lines = content.decode().splitlines()
             line = int(rng.integers(len(lines)))
@@ -343,7 +346,7 @@ studies:
         if kind == "bc":
             return shared_config(["GoToObj"], path)
         config = load_config("ppo", "GoToObj", path)
-        if config != yaml.safe_load(self.PPO)["GuideGrid-GoToObj-v0"]:
+        if config != self.parsed["ppo"]["GuideGrid-GoToObj-v0"]:
             with in_use(config):
                 build(PPO, "GoToObj", 0, config)
                 build_callbacks(config)
@@ -418,6 +421,11 @@ def misshapen(array: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     extreme = np.iinfo(array.dtype).max if array.dtype.kind in "iu" else [np.nan, np.inf, -np.inf][int(rng.integers(3))]
     array.reshape(-1)[int(rng.integers(array.size))] = extreme
     return array
+
+
+def said(value: Any) -> str:
+    """:return: as a header can hold it"""
+    return str(value).encode(errors="replace").decode()
 
 
 def as_json(content: Any) -> bytes:

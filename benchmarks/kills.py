@@ -41,7 +41,7 @@ from sb3_guide.experiments.stages.record import record_demonstrations
 from sb3_guide.experiments.stages.speak import speak_to
 from sb3_guide.experiments.workflow.running import RUN_VARIABLE, SNAKEFILE
 from sb3_guide.experts import expert_folder
-from sb3_guide.files import write_json
+from sb3_guide.files import read_json, write_json
 from sb3_guide.speakers import speaker_folder
 
 KEY = "GuideGrid-GoToObj-v0"
@@ -243,28 +243,30 @@ def kill_workflow(kills: int, work: Path, real: bool) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Kill, print a table, write it down; the exit status is 1 if a run ended otherwise or left something running."""
+    """Kill, print the numbers, write them down; the exit status is 1 if a run ended otherwise or left something running."""
     parser = argparse.ArgumentParser(description="Kill every stage and the workflow at random moments.")
     names = [*stages(Path()), "reproduce"]
     parser.add_argument("--kills", type=int, default=100, help="of each")
     parser.add_argument("--stages", nargs="+", choices=names, default=names)
     parser.add_argument("--real", action="store_true", help="reproduce with the true stages")
-    parser.add_argument("--out", type=Path, help="JSON file for the numbers")
+    parser.add_argument("--out", type=Path, help="JSON file for the numbers; those of other stages in it stay")
     arguments = parser.parse_args()
-    found = {}
+    fine = True
     with tempfile.TemporaryDirectory(prefix="kills") as folder:
         inputs = Path(folder) / "inputs"
         inputs.mkdir()
         Call(lambda _: prepare(inputs), Path(folder)).wait(None)  # torch is not to be used before processes are forked
         for name in arguments.stages:
             if name == "reproduce":
-                found[name] = kill_workflow(arguments.kills, Path(folder) / name, arguments.real)
+                numbers = kill_workflow(arguments.kills, Path(folder) / name, arguments.real)
             else:
-                found[name] = kill_stage(name, stages(inputs)[name], arguments.kills, Path(folder) / name)
-            print(name, found[name], flush=True)
-    if arguments.out:
-        write_json(arguments.out, found)
-    sys.exit(any(numbers["different"] or numbers.get("left_running") or numbers.get("failed") for numbers in found.values()))
+                numbers = kill_stage(name, stages(inputs)[name], arguments.kills, Path(folder) / name)
+            print(name, numbers, flush=True)
+            if arguments.out:
+                known = read_json(arguments.out) if arguments.out.exists() else {}
+                write_json(arguments.out, {**known, name: numbers})
+            fine = fine and not any(numbers.get(bad) for bad in ("different", "left_running", "failed"))
+    sys.exit(not fine)
 
 
 if __name__ == "__main__":

@@ -6,8 +6,9 @@ import sys
 import pytest
 from typer.testing import CliRunner
 
-from sb3_guide.experiments.cli import Hears, app
+from sb3_guide.experiments.cli import Hears, app, main
 from sb3_guide.experiments.stages.configs import load_config
+from sb3_guide.experts import expert_folder
 from sb3_guide.policies.interventions import INTERVENTIONS
 
 COMMANDS = ("expert", "record", "clone", "evaluate", "analyze", "ablate", "speak", "reproduce")
@@ -48,6 +49,22 @@ def test_wrong_use_ends_with_one_line(arguments, message, tmp_path, monkeypatch)
     assert "Traceback" not in ended.stderr
     assert message in ended.stderr.splitlines()[-1]
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["expert", "--level", "GoToObj", "--out", "/sys/run"],
+        ["record", "--level", "GoToObj", "--expert", "pretrained", "--episodes", "1", "--out", "/sys/run/train.safetensors"],
+        ["evaluate", str(expert_folder("GoToObj")), "--level", "GoToObj", "--episodes", "1", "--out", "/sys/run.json"],
+        ["reproduce", "GoToObj", "--out", "/sys/run"],
+    ],
+)
+def test_a_folder_that_cannot_be_written_to(arguments, monkeypatch):
+    """Even root can make nothing there."""
+    monkeypatch.setattr(sys, "argv", ["sb3-guide", *arguments])
+    with pytest.raises(SystemExit, match=r"^sb3-guide: .*(not permitted|denied).*/sys/run"):
+        main()
 
 
 @pytest.mark.parametrize("name", ["ppo", "bc"])

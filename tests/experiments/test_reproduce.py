@@ -142,6 +142,15 @@ def test_a_run_that_is_asked_to_end_leaves_nothing_running(number: signal.Signal
         pass
 
 
+def test_a_clock_that_was_set_back_changes_nothing(undisturbed: dict[str, Any], tmp_path: Path) -> None:
+    reproduce("stages", ["GoToObj"], seeds=1, cores=2, out=tmp_path)
+    tomorrow = time.time() + 24 * 3600
+    for path in [*(tmp_path / "GoToObj" / "demos").iterdir(), *(tmp_path / "GoToObj" / "expert").iterdir()]:
+        os.utime(path, (tomorrow, tomorrow))  # these were written before it was
+    reproduce("stages", ["GoToObj"], seeds=1, cores=2, out=tmp_path)
+    assert summary_of(tmp_path) == undisturbed
+
+
 def test_what_a_killed_run_left_is_ended_and_nothing_else(tmp_path: Path) -> None:
     for name in ("run", "other"):
         subprocess.Popen(["sleep", "60"], env={**os.environ, RUN_VARIABLE: str(tmp_path / name)})

@@ -122,7 +122,7 @@ def build_callbacks(config: dict[str, Any]) -> list[BaseCallback]:
     """
     callbacks = []
     for entry in config.get("callback", []):
-        name, arguments = next(iter(entry.items())) if isinstance(entry, dict) else (entry, {})
+        name, arguments = next(iter(entry.items()), (None, {})) if isinstance(entry, dict) else (entry, {})
         if name not in CALLBACKS:
             raise ValueError(f"callback {name!r} is unknown: expected one of {', '.join(CALLBACKS)}")
         callbacks.append(CALLBACKS[name](**arguments))

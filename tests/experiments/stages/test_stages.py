@@ -2,6 +2,7 @@
 
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -100,6 +101,7 @@ def test_an_expert_is_written_with_all_that_it_depends_on(tmp_path):
         ({"env_kwargs": {"history": 10**6}}, "history=1000000 in 4 worlds: expected 0 to"),
         ({"policy_kwargs": {"hat": 1}}, "can't be used .TypeError: .*'hat'"),
         ({"callback": 3}, "can't be used .TypeError"),
+        ({"callback": [{}]}, "callback None is unknown"),
     ],
 )
 def test_hyper_parameters_that_cannot_be_used(changes, message, tmp_path):
@@ -255,6 +257,35 @@ def test_a_run_whose_settings_have_changed_runs_anew_and_says_so(demos, tmp_path
     clone("learner", out=tmp_path / "out", seed=1, **shared)
     assert "(seed), which is deleted" in capsys.readouterr().err
     assert equal(tmp_path / "out", tmp_path / "other")
+
+
+def test_a_full_disk_ends_a_stage_which_goes_on_when_there_is_room(tmp_path):
+    config = write_config(tmp_path / "ppo.yml", PPO)
+    train_expert(KEY, tmp_path / "whole", seed=1, threads=1, resume=True, config_file=config)
+    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, usual[1]))  # a checkpoint is larger
+    try:
+        with pytest.raises(OSError, match="File too large"):
+            train_expert(KEY, tmp_path / "full", seed=1, threads=1, resume=True, config_file=config)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+    assert not list((tmp_path / "full").rglob("*.pt")) + list((tmp_path / "full").rglob("*.partial"))
+    train_expert(KEY, tmp_path / "full", seed=1, threads=1, resume=True, config_file=config)
+    assert equal(tmp_path / "whole", tmp_path / "full")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stage_that_is_asked_to_end_says_no_more_than_a_line(number, tmp_path):
+    config = write_config(tmp_path / "ppo.yml", PPO | {"n_timesteps": 10**9})
+    program = [sys.executable, "-m", "sb3_guide.experiments.cli", "expert", "--level", "GoToObj", "--config", str(config)]
+    process = subprocess.Popen([*program, "--out", tmp_path / "out"], stderr=subprocess.PIPE, text=True)
+    while not (tmp_path / "out" / "progress.csv").exists():
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.send_signal(number)
+    said = process.communicate(timeout=100)[1]
+    assert process.returncode in (-number, 1, 128 + number)
+    assert "Traceback" not in said
 
 
 def test_two_runs_in_one_folder(demos, tmp_path, monkeypatch):
