@@ -172,6 +172,20 @@ def write_table(path: Path, rows: Sequence[dict[str, Any]]) -> None:
     write_text(path, text.getvalue())
 
 
+@contextmanager
+def intact(folder: Path) -> Iterator[None]:
+    """
+    Read results.
+
+    :param folder: of them
+    :raises ValueError: if one lacks something, or has something else in its place
+    """
+    try:
+        yield
+    except (LookupError, TypeError, ValueError) as error:
+        raise ValueError(f"{folder} holds a damaged result ({error!r}): delete it, and run it anew") from error
+
+
 def read_table(path: Path) -> list[dict[str, str]]:
     """
     :param path: of a file that :func:`write_table` wrote
