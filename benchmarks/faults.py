@@ -49,7 +49,8 @@ from sb3_guide.policies.folder import AGENT, NETWORK, Description, read_agent
 from sb3_guide.policies.recurrent import RecurrentGuidedLearnerPolicy, RecurrentGuidePolicy, RecurrentLearnerPolicy
 
 GIGABYTE = 2**30
-SECONDS = 60  # after which a case hangs
+SECONDS = 60  # of computing, after which a case hangs
+SILENCE = 1200  # seconds after which a worker that says nothing is ended
 REFUSALS = (ValueError, FileNotFoundError)
 CODE = {"os.system", "os.exec", "os.posix_spawn", "os.fork", "subprocess.Popen", "socket.connect", "ctypes.dlopen"}
 HUGE: tuple[Any, ...] = (10**9, -1, 2**31, 2**63, 10**40, 1e308, float("nan"), float("inf"))
@@ -469,7 +470,7 @@ def work(name: str, first: int, last: int) -> None:
         kind = KINDS[name](folder)
         originals = [kind.read(each) for each in kind.files]
         sys.addaudithook(lambda event, _: seen.append(event) if started and event in CODE else None)
-        signal.signal(signal.SIGALRM, hang)
+        signal.signal(signal.SIGPROF, hang)
         taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
         resource.setrlimit(resource.RLIMIT_AS, (taken + GIGABYTE, taken + GIGABYTE))
         for case in range(first, last):
@@ -492,7 +493,7 @@ def hang(*_: Any) -> None:
 
 def judged(kind: Kind, originals: list[Any], sealed: bool) -> tuple[str, str]:
     """:return: outcome of the damaged file that stands there, and what was said; a splice may be all of another original"""
-    signal.alarm(SECONDS)
+    signal.setitimer(signal.ITIMER_PROF, SECONDS)
     try:
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
@@ -505,7 +506,7 @@ def judged(kind: Kind, originals: list[Any], sealed: bool) -> tuple[str, str]:
             return "memory", repr(error)
         return ("refused" if isinstance(error, REFUSALS) else "crash"), repr(error)
     finally:
-        signal.alarm(0)
+        signal.setitimer(signal.ITIMER_PROF, 0)
     if any("earlier version" in str(each.message) for each in said):
         return "read with a warning", ""
     if any(same(found, original) for original in originals):
@@ -546,7 +547,7 @@ def outcomes(worker: subprocess.Popen[str]) -> Iterator[tuple[str, str]]:
     assert worker.stdout is not None
     with selectors.DefaultSelector() as selector:
         selector.register(worker.stdout, selectors.EVENT_READ)
-        while selector.select(timeout=3 * SECONDS):
+        while selector.select(timeout=SILENCE):
             if not (line := worker.stdout.readline()):
                 return
             yield tuple(json.loads(line))

@@ -101,7 +101,19 @@ def read_yaml(path: Path) -> Any:
     :raises ValueError: if it is none, or its aliases stand for more than can be meant
     """
     try:
-        loader = yaml.SafeLoader(read_text(path, MOST_YAML))
+        return parse_yaml(read_text(path, MOST_YAML))
+    except ValueError as error:
+        raise ValueError(f"{path} is no YAML: {error}") from error
+
+
+def parse_yaml(text: str) -> Any:
+    """
+    :param text: YAML
+    :return: its content, in which there is nothing but plain values
+    :raises ValueError: see :func:`read_yaml`
+    """
+    try:
+        loader = yaml.SafeLoader(text)
         root = loader.get_single_node()
         if root is None:
             return None
@@ -109,7 +121,7 @@ def read_yaml(path: Path) -> Any:
             raise ValueError(f"it has more than {MOST_VALUES} values")
         return loader.construct_document(root)
     except Exception as error:  # PyYAML raises whatever the damaged place makes it raise
-        raise ValueError(f"{path} is no YAML: {' '.join(str(error).split())}") from error
+        raise ValueError(" ".join(str(error).split())) from error
 
 
 def written_out(node: yaml.Node, counts: dict[int, int]) -> int:

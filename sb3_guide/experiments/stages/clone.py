@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import torch as th
-import yaml
 from gymnasium import spaces
 from imitation.util.logger import HierarchicalLogger
 from stable_baselines3.common.logger import Logger
@@ -21,6 +20,7 @@ from sb3_guide.experiments.stages.configs import algorithm_arguments, check_numb
 from sb3_guide.experiments.stages.evaluate import evaluate
 from sb3_guide.experiments.stages.levels import join_levels, split_levels
 from sb3_guide.experiments.stages.runs import Run, digest, stage, use_threads, write_table
+from sb3_guide.files import parse_yaml
 from sb3_guide.policies import AgentPolicy, PretrainedGuide, save_agent
 from sb3_guide.policies.folder import NETWORK
 from sb3_guide.policies.recurrent import RecurrentGuidedLearnerPolicy, RecurrentGuidePolicy, RecurrentLearnerPolicy
@@ -174,12 +174,15 @@ def override(config: dict[str, Any], params: Sequence[str]) -> dict[str, Any]:
     :param config: the level's entry of bc.yml
     :param params: such as "n_epochs:5"
     :return: the entry with those values instead
-    :raises ValueError: if there is no such hyper-parameter, or a number is out of range
+    :raises ValueError: if there is no such hyper-parameter, or its value is no YAML or out of range
     """
     changes = dict(param.partition(":")[::2] for param in params)
     if unknown := changes.keys() - config.keys():
         raise ValueError(f"--params {', '.join(sorted(unknown))} are unknown: expected NAME:VALUE of {', '.join(config)}")
-    overridden = {**config, **{name: yaml.safe_load(value) for name, value in changes.items()}}
+    try:
+        overridden = {**config, **{name: parse_yaml(value) for name, value in changes.items()}}
+    except ValueError as error:
+        raise ValueError(f"--params {', '.join(params)}: expected values in YAML ({error})") from error
     check_numbers(overridden)
     return overridden
 

@@ -373,6 +373,11 @@ def test_a_callback_that_is_not_ours(tmp_path):
             {"agent": "learner", "params": ["epochs:1"]},
             "--params epochs are unknown: expected NAME:VALUE of analysis_episodes",
         ),
+        ({"agent": "learner", "params": ["n_epochs:["]}, r"--params n_epochs:\[: expected values in YAML"),
+        (
+            {"agent": "learner", "params": ["batch_size:1000000000"]},
+            "batch_size=1000000000: expected a whole number from 1 to",
+        ),
         ({"agent": "learner", "params": ["train_episodes:11"]}, "train_episodes=11: expected 1 to 10"),
         ({"agent": "learner", "level": "GoToMars"}, "GoToMars"),
         ({"agent": "learner", "threads": 0}, "threads=0: expected at least 1"),
