@@ -191,8 +191,11 @@ def test_the_workflow_speaks_the_command_line_of_the_stages(tmp_path: Path) -> N
 
 
 def test_two_runs_in_one_folder_are_refused(tmp_path: Path) -> None:
-    with locked(tmp_path), pytest.raises(RuntimeError, match="in use by another reproduce"):
-        reproduce("stages", ["GoToObj"], seeds=1, cores=1, out=tmp_path)
+    with locked(tmp_path):
+        for owner in ((tmp_path / ".owner.json").read_text(), "{}", '{"pid": "me"}', "{"):
+            (tmp_path / ".owner.json").write_text(owner)
+            with pytest.raises(RuntimeError, match="in use by another reproduce"):
+                reproduce("stages", ["GoToObj"], seeds=1, cores=1, out=tmp_path)
 
 
 def test_a_folder_that_is_none_is_refused(tmp_path: Path) -> None:

@@ -97,6 +97,8 @@ def end_abandoned(owner: Path) -> bool:
         holder.kill()
     except (FileNotFoundError, psutil.NoSuchProcess):
         pass  # it is about to begin or to end
+    except (LookupError, TypeError, ValueError):
+        return False  # the file is damaged: nobody knows whose process it is
     return True
 
 
