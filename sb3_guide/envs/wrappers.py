@@ -7,13 +7,14 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.utils import RecordConstructorArgs
 
 from sb3_guide.envs.vocabulary import Vocabulary
 
 Observation = dict[str, np.ndarray]
 
 
-class TextMissionWrapper(gymnasium.ObservationWrapper):
+class TextMissionWrapper(gymnasium.ObservationWrapper, RecordConstructorArgs):
     """
     Observe the image, and the mission as tokens instead of text; everything else is left out.
 
@@ -23,7 +24,8 @@ class TextMissionWrapper(gymnasium.ObservationWrapper):
     """
 
     def __init__(self, env: gymnasium.Env, vocabulary: Vocabulary) -> None:
-        super().__init__(env)
+        RecordConstructorArgs.__init__(self, vocabulary=vocabulary)
+        gymnasium.ObservationWrapper.__init__(self, env)
         seen = env.observation_space
         if not isinstance(seen, spaces.Dict) or not {"image", "mission"} <= set(seen.spaces):
             raise ValueError(f"{env} observes {seen}: expected a Dict with 'image' and 'mission'")
@@ -39,7 +41,7 @@ class TextMissionWrapper(gymnasium.ObservationWrapper):
         return {"image": observation["image"], "mission": self.vocabulary.encode(observation["mission"])}
 
 
-class HistoryWrapper(gymnasium.ObservationWrapper):
+class HistoryWrapper(gymnasium.ObservationWrapper, RecordConstructorArgs):
     """
     Observe the images before the present one too, as "history": what policies with window memory remember.
 
@@ -49,7 +51,8 @@ class HistoryWrapper(gymnasium.ObservationWrapper):
     """
 
     def __init__(self, env: gymnasium.Env, history: int) -> None:
-        super().__init__(env)
+        RecordConstructorArgs.__init__(self, history=history)
+        gymnasium.ObservationWrapper.__init__(self, env)
         seen = env.observation_space
         if not isinstance(seen, spaces.Dict) or not isinstance(seen.spaces.get("image"), spaces.Box) or history < 1:
             raise ValueError(f"history={history}, and {env} observes {seen}: expected at least 1, and a Dict with 'image'")
