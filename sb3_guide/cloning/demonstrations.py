@@ -54,11 +54,12 @@ def pool(parts: Sequence[Demonstrations]) -> Demonstrations:
     """
     :param parts: of one or several levels
     :return: all of them together
-    :raises ValueError: if their missions are of different vocabularies
+    :raises ValueError: if their images or missions are of different forms
     """
-    if len({part.episodes.missions.shape[1:] for part in parts}) > 1:
-        shapes = {part.level: part.episodes.missions.shape[1:] for part in parts}
-        raise ValueError(f"demonstrations of different vocabularies can't be pooled: their missions have shapes {shapes}")
+    for name in ("image", "mission"):
+        shapes = {part.level: getattr(part.episodes, f"{name}s").shape[1:] for part in parts}
+        if len(set(shapes.values())) > 1:
+            raise ValueError(f"demonstrations of different {name}s can't be pooled: their shapes are {shapes}")
     provenance = {part.level: part.provenance for part in parts}
     return Demonstrations(concatenate([part.episodes for part in parts]), "+".join(provenance), provenance)
 

@@ -18,7 +18,7 @@ from sb3_guide.envs import (
     spaces_of,
     worlds_of,
 )
-from tests.policies.toys import Signal
+from tests.toys import Signal
 
 DOOR_KEY = "MiniGrid-DoorKey-5x5-v0"
 MISSION = "use the key to open the door and then get to the goal"
@@ -26,11 +26,9 @@ MISSION = "use the key to open the door and then get to the goal"
 
 @pytest.fixture(scope="module", autouse=True)
 def registered():
-    gymnasium.register("Signal-v0", Signal)
     gymnasium.register("Turned-v0", Signal, kwargs={"kind": "pixels", "words": 5})
     yield
-    for env_id in ("Signal-v0", "Turned-v0"):
-        del gymnasium.registry[env_id]
+    del gymnasium.registry["Turned-v0"]
 
 
 def test_a_vocabulary_from_resets_survives_the_disk(tmp_path):

@@ -23,7 +23,7 @@ from sb3_guide.policies import (
 from sb3_guide.policies.film import CompactVision, PixelVision
 from sb3_guide.policies.picture import picture_of
 from sb3_guide.policies.sequences import unpadded, windows
-from tests.policies.toys import Signal
+from tests.toys import Signal
 
 KINDS = list(Signal.spaces_by_kind)
 ALGORITHMS = {PPO: {"n_steps": 8, "batch_size": 16}, A2C: {}, RecurrentPPO: {"n_steps": 8, "batch_size": 16}}

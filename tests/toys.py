@@ -1,10 +1,35 @@
-"""Environments that are not ours, of every form that agents are to live in."""
+"""Environments that are not ours."""
 
 from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+
+
+class Pick(gymnasium.Env):
+    """Three cells of different colours, of which the mission names one: take it, three times in a row."""
+
+    action_names = ("left", "middle", "right")
+
+    def __init__(self) -> None:
+        image, mission = spaces.Box(0, 3, (1, 3, 1), np.uint8), spaces.Box(0, 3, (1,), np.uint8)
+        self.observation_space = spaces.Dict({"image": image, "mission": mission})
+        self.action_space = spaces.Discrete(3)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
+        super().reset(seed=seed)
+        self.wanted, self.taken = self.np_random.integers(1, 4, 1, np.uint8), 0
+        return self._show(), {}
+
+    def step(self, action):
+        right = self.cells[action] == self.wanted[0]
+        self.taken += right
+        return self._show(), float(self.taken == 3), bool(self.taken == 3 or not right), False, {}
+
+    def _show(self):
+        self.cells = self.np_random.permutation(np.arange(1, 4, dtype=np.uint8))
+        return {"image": self.cells.reshape(1, 3, 1), "mission": self.wanted}
 
 
 class Signal(gymnasium.Env):
@@ -47,3 +72,8 @@ class Signal(gymnasium.Env):
         if "mission" in self.observation_space.spaces:
             seen["mission"] = np.array([self.right + 1, 1, 0], np.uint8)
         return seen
+
+
+for env_id, toy in (("Pick-v0", Pick), ("Signal-v0", Signal)):
+    if env_id not in gymnasium.registry:
+        gymnasium.register(env_id, toy)
