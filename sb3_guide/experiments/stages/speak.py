@@ -11,7 +11,7 @@ from sb3_guide.cloning import mission_seeds
 from sb3_guide.envs import ACTIONS, GuideGridEnv, level_of
 from sb3_guide.experiments.stages.runs import record, use_threads
 from sb3_guide.files import write_json
-from sb3_guide.language import CHOREOGRAPHIES, Dictionary, learn, obey, perform, read, steps_of
+from sb3_guide.language import CHOREOGRAPHIES, Dictionary, danced, learn, obey, perform, read, steps_of
 from sb3_guide.language.pictures import save_figure, walk_figure
 from sb3_guide.metrics import obedience
 from sb3_guide.policies import AgentPolicy, load_agent
@@ -89,15 +89,12 @@ def in_words(dictionary: Dictionary) -> str:
 
 def text_of(choreography: str, dictionary: Dictionary) -> str:
     """
-    :param choreography: name of one of ours, which turns to the left where that is the only side that the agent has a word for,
-        or path of a text file
+    :param choreography: name of one of ours, or path of a text file
     :param dictionary: of the agent
     :raises FileNotFoundError: if it is neither
     """
     if choreography in CHOREOGRAPHIES:
-        left, right = (ACTIONS.index(side) in dictionary.meanings for side in ("left", "right"))
-        steps = CHOREOGRAPHIES[choreography]
-        return ", ".join("left" if step == "right" and left and not right else step for step in steps)
+        return danced(choreography, dictionary)
     if not Path(choreography).is_file():
         raise FileNotFoundError(
             f"there is no choreography {choreography!r}: expected {', '.join(CHOREOGRAPHIES)}, or a text file with an action "
