@@ -196,7 +196,7 @@ def play(
     level: Annotated[str | None, typer.Option(help="Name of the level to begin with, if not the agent's own.")] = None,
     host: Annotated[str, typer.Option(help="Address to listen at: by default, of this machine alone.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port to listen at.")] = 8080,
-    export: Annotated[Path | None, typer.Option(help="Write a page of episodes (.html) instead, which needs no server.")] = None,
+    export: Annotated[Path | None, typer.Option(help="Write a page of episodes (.html), which needs no server.")] = None,
     episodes: Annotated[int, typer.Option(help="Of each agent on that page.")] = 3,
 ) -> None:
     """Watch agents in the browser, see what each message would do, and speak in the Guide's place."""

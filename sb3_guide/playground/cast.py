@@ -16,6 +16,7 @@ from sb3_guide.policies.networks import Guide
 from sb3_guide.speakers import FOLDER as SHIPPED
 
 LEARNED_ON = 200  # missions of the validation split, which take about a second
+GUIDE, LEARNER = "a Guide, which acts on its own messages", "a Learner, which hears its Guide"
 BEGINNING = ("GoToLocal/guided", "3")  # agent and world, if nobody asks for others
 
 
@@ -34,8 +35,7 @@ class Speaker:
         self.shape = self.policy.channel.encoder.shape
         self.symbols = self.shape.all().numpy()  # (M, length)
         self.level = level
-        who = "a Guide, which acts on its own messages" if isinstance(self.policy.network, Guide) else "a Learner, which hears its Guide"
-        self.kind = f"{who}, trained on {level}"
+        self.kind = f"{GUIDE if isinstance(self.policy.network, Guide) else LEARNER}, trained on {level}"
         self.dictionary = learn(read(self.policy, level, mission_seeds("validation", LEARNED_ON)))
         self._one_at_a_time = Lock()  # what the policy hears is part of its state, and sessions share it
 
@@ -73,7 +73,8 @@ class Cast:
     """
 
     def __init__(self, folders: Sequence[Path] = (), level: str | None = None) -> None:
-        shipped = [SHIPPED / of / agent for of in LEVELS for agent in ("guided", "guide") if (SHIPPED / of / agent / AGENT).is_file()]
+        possible = [SHIPPED / of / agent for of in LEVELS for agent in ("guided", "guide")]
+        shipped = [folder for folder in possible if (folder / AGENT).is_file()]
         named = {str(folder): folder for folder in folders if folder not in shipped}
         self.folders = {**named, **{str(folder.relative_to(SHIPPED)): folder for folder in shipped}}
         self._levels = {name: home_of(folder, level) for name, folder in self.folders.items()}

@@ -7,7 +7,7 @@ import numpy as np
 import torch as th
 
 from sb3_guide.envs import GuideGridEnv, encode
-from sb3_guide.envs.given_mission import has_targets, with_mission
+from sb3_guide.envs.given_mission import with_mission
 from sb3_guide.playground.cast import Speaker
 from sb3_guide.policies.sequences import history_of
 
@@ -100,11 +100,6 @@ class Episode:
         """The present moment."""
         return self.moments[-1]
 
-    @property
-    def possible(self) -> bool:
-        """Whether all that the mission speaks of is in the world."""
-        return has_targets(self.now.world)
-
     def step(self, message: int | None = None) -> None:
         """
         Let the agent hear a message and act.
@@ -141,9 +136,7 @@ class Episode:
             drawn.append(self.env.render())
         return drawn
 
-    def _moment(
-        self, observation: dict[str, np.ndarray], memory: tuple[np.ndarray, ...] | None, outcome: Outcome
-    ) -> Moment:
+    def _moment(self, observation: dict[str, np.ndarray], memory: tuple[np.ndarray, ...] | None, outcome: Outcome) -> Moment:
         policy, channel = self.speaker.policy, self.speaker.policy.channel
         state = None if memory is None else (th.as_tensor(memory[0]), th.as_tensor(memory[1]))
         with th.no_grad():

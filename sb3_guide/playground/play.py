@@ -52,6 +52,8 @@ def export(folders: Sequence[Path], level: str | None, episodes: int, path: Path
         from sb3_guide.playground.export import html_of, recorded
     if not 1 <= episodes <= MOST_EPISODES:
         raise ValueError(f"{episodes} episodes of each agent were asked for: expected 1 to {MOST_EPISODES}")
+    if path.is_dir():
+        raise ValueError(f"{path} is a folder: expected a file to write, such as {path / 'episodes.html'}")
     cast = prepared(folders, level)
     names = [name for name, folder in cast.folders.items() if folder in folders or (not folders and folder.name == "guided")]
     scenes = []

@@ -17,7 +17,7 @@ NUMBERS = ("", "2")  # of the agents, in links
 
 class Seat:
     """
-    An agent at play, and what a person has it hear: first what is planned, a message a step, then what is kept, then the Guide.
+    An agent at play, and what a person has it hear: what is planned, a message a step, then what is kept, then the Guide.
 
     :param name: of the agent
     :param episode: that it plays

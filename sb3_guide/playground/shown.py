@@ -6,6 +6,7 @@ import numpy as np
 
 from sb3_guide.envs import ACTIONS, decode
 from sb3_guide.envs.engine.cells import BALL, BOX, COLOURS, KEY, VIEW
+from sb3_guide.envs.given_mission import has_targets
 from sb3_guide.language import Dictionary
 from sb3_guide.playground.episode import Episode, Moment, Turn
 
@@ -93,14 +94,16 @@ def shown(episode: Episode, time: int, heard: int, by_person: bool) -> Shown:
     mission, limit = decode(moment.observation["mission"]), int(moment.world["max_steps"][0])
     carried = carries(moment)
     status = f"Step {time} of at most {limit}" + (f", carrying the {carried}" if carried else "")
+    if not has_targets(moment.world):
+        status += ". Something that the mission speaks of is not there, so that it can't be fulfilled."
     return Shown(mission, status, moment.outcome, speech(moment, lines, heard, by_person, time), lines)
 
 
 def speech(moment: Moment, lines: list[Line], heard: int, by_person: bool, time: int) -> list[Part]:
     """:return: a sentence or two about the moment"""
     if moment.outcome:
-        steps = f"{time} step{'' if time == 1 else 's'}"
-        return [Part("Mission fulfilled", GUIDE) if moment.outcome == "fulfilled" else Part("Out of time", YOU), Part(f" after {steps}.")]
+        how = Part("Mission fulfilled", GUIDE) if moment.outcome == "fulfilled" else Part("Out of time", YOU)
+        return [how, Part(f" after {time} step{'' if time == 1 else 's'}.")]
     spoken, told = lines[moment.spoken], lines[heard]
     parts = [Part("The Guide says "), Part(spoken.message, GUIDE), Part(f" ({percent(spoken.says)})")]
     if not by_person:

@@ -6,6 +6,7 @@ import pytest
 from sb3_guide.envs import ACTIONS, LEVELS, GuideGridEnv
 from sb3_guide.envs.given_mission import has_targets, with_mission
 
+
 @pytest.mark.parametrize("level", LEVELS)
 def test_the_words_of_a_world_mean_what_the_world_means(level):
     env = GuideGridEnv(level, history=0)

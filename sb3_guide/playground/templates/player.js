@@ -24,7 +24,7 @@ function share(classes, text, value) {
 
 function row(line) {
   const states = ["spoken", "told", "differs"].filter((state) => line[state]);
-  const word = element("span", "word", element("span", ""), element("b", "", line.message), element("small", "", line.meaning));
+  const word = element("span", "word", element("b", "", line.message), element("small", "", line.meaning));
   const who = line.told ? "you" : line.spoken ? "Guide" : "";
   const made = element("div", ["message", ...states].join(" "), word, share("says", who, line.says), share("does", line.action, line.does));
   made.title = `If it heard ${line.message}: ${line.chances}`;
@@ -41,18 +41,18 @@ function picture(index, caption, alt) {
 function panel(seat) {
   const now = Math.min(time, seat.moments.length - 1), moment = seat.moments[now];
   const head = ["Message, and what it means", "The Guide says it", "If heard, the agent would go for"];
-  const speech = element("p", "speech", ...moment.speech.map((part) => element("span", part.who, part.text)));
+  const speech = element("p", "", ...moment.speech.map((part) => element("span", part.who, part.text)));
   speech.setAttribute("aria-live", "polite");
   const turns = seat.turns.map((turn, at) =>
     element("li", [turn.by_person && "by-you", at === now && "now"].filter(Boolean).join(" "), turn.text));
   return element("section", "seat",
     element("header", "",
-      element("h2", "", seat.agent, element("span", "soft", ` ${seat.kind}`)),
+      element("h2", "", seat.agent, element("span", "soft", seat.kind)),
       element("p", "mission", moment.mission), element("p", "soft", moment.status)),
     element("div", "pictures",
       picture(moment.world, "The world as you see it. Lighter: what the agent sees.", "the world from above"),
       picture(moment.view, "All that the agent sees. It stands below, looking up.", "the view of the agent")),
-    element("div", "", speech,
+    element("div", "speech", speech,
       element("div", "messages", element("div", "head", ...head.map((text) => element("span", "", text))), ...moment.lines.map(row))),
     element("ol", "past", ...turns));
 }
