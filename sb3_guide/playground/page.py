@@ -81,8 +81,9 @@ class Page:
                 words("p", "The agents are waking up ...", "soft")
             with ui.element("p").classes("soft keys"):
                 for key, use in KEYS.items():
-                    words("kbd", key)
-                    words("span", use)
+                    with ui.element("span"):
+                        words("kbd", key)
+                        words("span", use)
         ui.keyboard(self.key, ignore=["input", "select", "textarea"])
         self.timer = ui.timer(0.5, self.tick, active=False)
 

@@ -135,8 +135,8 @@ def chances(probabilities: np.ndarray) -> str:
 
 
 def percent(share: float) -> str:
-    """:return: such as "98 %" """
-    return "<1 %" if 0 < share < 0.005 else f"{share:.0%}".replace("%", " %")
+    """:return: such as "98 %", which no line break tears apart"""
+    return ("<1%" if 0 < share < 0.005 else f"{share:.0%}").replace("%", "\N{NO-BREAK SPACE}%")
 
 
 def carries(moment: Moment) -> str:

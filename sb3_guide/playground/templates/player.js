@@ -13,7 +13,7 @@ function element(tag, classes, ...children) {
 }
 
 function percent(share) {
-  return share > 0 && share < 0.005 ? "<1 %" : `${Math.round(100 * share)} %`;
+  return share > 0 && share < 0.005 ? "<1\u00a0%" : `${Math.round(100 * share)}\u00a0%`;
 }
 
 function share(classes, text, value) {
