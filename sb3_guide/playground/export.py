@@ -9,11 +9,12 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from sb3_guide.envs import ACTIONS
+from sb3_guide.envs.rendering import TILE
 from sb3_guide.experiments.stages.animation import Caption, write_animation
 from sb3_guide.playground.episode import Turn
 from sb3_guide.playground.pictures import data_url, draw_view
 from sb3_guide.playground.session import Seat
-from sb3_guide.playground.shown import Shown, shown, turn_in_words
+from sb3_guide.playground.shown import Shown, pictures_class, shown, turn_in_words
 
 
 class Recording(NamedTuple):
@@ -100,7 +101,8 @@ def seat_data(recording: Recording, pictures: dict[str, int]) -> dict[str, Any]:
         {"text": text, "by_person": turn.by_person}
         for text, turn in zip(recording.turns_in_words, recording.turns, strict=True)
     ]
-    return {"agent": recording.agent, "kind": recording.kind, "moments": moments, "turns": turns}
+    layout = pictures_class(recording.worlds[0].shape[1] // TILE)
+    return {"agent": recording.agent, "kind": recording.kind, "layout": layout, "moments": moments, "turns": turns}
 
 
 def gif_of(recording: Recording) -> bytes:

@@ -8,7 +8,7 @@ from nicegui.elements.mixins.text_element import TextElement
 
 from sb3_guide.playground.pictures import data_url, draw_view
 from sb3_guide.playground.session import Seat
-from sb3_guide.playground.shown import Line, Part, percent, shown, turn_in_words
+from sb3_guide.playground.shown import Line, Part, percent, pictures_class, shown, turn_in_words
 
 TURNS = 12  # that are listed, of those before and of those that are planned
 KEYED = 9  # messages with a key of their own
@@ -95,14 +95,14 @@ class Panel:
                     words("span", seat.name)
                     words("span", speaker.kind, "soft")
                 self.mission, self.status = words("p", classes="mission"), words("p", classes="soft")
-            with ui.element("div").classes("pictures"):
+            with ui.element("div").classes(pictures_class(seat.episode.env.level.width)):
                 self.world = self._picture("The world as you see it. Lighter: what the agent sees.", "the world from above")
                 self.view = self._picture("All that the agent sees. It stands below, looking up.", "the view of the agent")
             with ui.element("div").classes("speech"):
                 self.speech = ui.element("p").props("aria-live=polite")
                 with ui.element("div").classes("messages"):
                     with ui.element("div").classes("head"):
-                        for text in ("Message, and what it means", "The Guide says it", "If heard, the agent would go for"):
+                        for text in ("Message, and what it means", "The Guide says it", "If heard, the agent chooses"):
                             words("span", text)
                     self.rows = [Row(number + 1, partial(say, number)) for number in range(speaker.shape.count)]
             self.past = ui.element("ol").classes("past").props('aria-label="what was heard, and what the agent did"')

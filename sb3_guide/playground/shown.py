@@ -11,6 +11,7 @@ from sb3_guide.language import Dictionary
 from sb3_guide.playground.episode import Episode, Moment, Turn
 
 THINGS = {KEY: "key", BALL: "ball", BOX: "box"}
+ONE_ROOM = 8  # cells
 GUIDE, AGENT, YOU = "guide", "agent", "you"  # who says or does it, which is a colour
 
 
@@ -107,9 +108,14 @@ def speech(moment: Moment, lines: list[Line], heard: int, by_person: bool, time:
     spoken, told = lines[moment.spoken], lines[heard]
     parts = [Part("The Guide says "), Part(spoken.message, GUIDE), Part(f" ({percent(spoken.says)})")]
     if not by_person:
-        return [*parts, Part(", and the agent will go for "), Part(spoken.action, AGENT), Part(f" ({percent(spoken.does)}).")]
+        return [
+            *parts,
+            Part("; hearing it, the agent chooses "),
+            Part(spoken.action, AGENT),
+            Part(f" ({percent(spoken.does)})."),
+        ]
     return [
-        *(*parts, Part(", but you say "), Part(told.message, YOU), Part(", and the agent will go for ")),
+        *(*parts, Part(", but you say "), Part(told.message, YOU), Part("; hearing it, the agent chooses ")),
         *(Part(told.action, YOU if told.differs else AGENT), Part(f" ({percent(told.does)}).")),
     ]
 
@@ -137,6 +143,14 @@ def chances(probabilities: np.ndarray) -> str:
 def percent(share: float) -> str:
     """:return: such as "98 %", which no line break tears apart"""
     return ("<1%" if 0 < share < 0.005 else f"{share:.0%}").replace("%", "\N{NO-BREAK SPACE}%")
+
+
+def pictures_class(cells: int) -> str:
+    """
+    :param cells: that the world is wide
+    :return: how its picture and that of the view are laid out: mazes need more room than the view
+    """
+    return "pictures" if cells <= ONE_ROOM else "pictures large"
 
 
 def carries(moment: Moment) -> str:

@@ -8,6 +8,8 @@ import socket
 import subprocess
 import sys
 import time
+import urllib.error
+import urllib.request
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -167,9 +169,15 @@ def exported(cast, tmp_path_factory) -> str:
     return path.as_uri()
 
 
+def test_other_names_of_this_machine_are_not_answered(address):
+    request = urllib.request.Request(address, headers={"Host": "elsewhere.example"})
+    with pytest.raises(urllib.error.HTTPError, match="400"):
+        urllib.request.urlopen(request)
+
+
 def test_a_click_overrules_the_guide(visitor):
     visitor.opens(LINK)
-    assert visitor.text(".speech p") == "The Guide says w2 w2 (57 %), and the agent will go for forward (100 %)."
+    assert visitor.text(".speech p") == "The Guide says w2 w2 (57 %); hearing it, the agent chooses forward (100 %)."
     announced = visitor.announced(0)
     assert announced == "left"
     visitor.rows()[0].click()
@@ -289,7 +297,7 @@ def test_on_a_phone_and_in_the_dark(visitor, exported, page):
 
 def test_the_exported_page_needs_no_server(visitor, exported):
     visitor.opens(exported)
-    assert "but you say w0 w0, and the agent will go for left" in visitor.text(".speech p")
+    assert "but you say w0 w0; hearing it, the agent chooses left" in visitor.text(".speech p")
     announced = visitor.announced(8)
     visitor.presses(Keys.ARROW_RIGHT)
     visitor.sees(lambda: visitor.driver.current_url.endswith("#1.1"))

@@ -249,4 +249,4 @@ def test_what_is_shown_of_a_moment(cast):
     likeliest = now.action_probabilities.argmax(axis=1)
     assert [line.differs for line in seen.lines] == (likeliest != likeliest[now.spoken]).tolist()
     spoken = "".join(part.text for part in seen.speech).replace("\N{NO-BREAK SPACE}", " ")
-    assert spoken == "The Guide says w2 w2 (57 %), but you say w0 w0, and the agent will go for left (84 %)."
+    assert spoken == "The Guide says w2 w2 (57 %), but you say w0 w0; hearing it, the agent chooses left (84 %)."

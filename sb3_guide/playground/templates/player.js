@@ -40,7 +40,7 @@ function picture(index, caption, alt) {
 
 function panel(seat) {
   const now = Math.min(time, seat.moments.length - 1), moment = seat.moments[now];
-  const head = ["Message, and what it means", "The Guide says it", "If heard, the agent would go for"];
+  const head = ["Message, and what it means", "The Guide says it", "If heard, the agent chooses"];
   const speech = element("p", "", ...moment.speech.map((part) => element("span", part.who, part.text)));
   speech.setAttribute("aria-live", "polite");
   const turns = seat.turns.map((turn, at) =>
@@ -49,7 +49,7 @@ function panel(seat) {
     element("header", "",
       element("h2", "", seat.agent, element("span", "soft", seat.kind)),
       element("p", "mission", moment.mission), element("p", "soft", moment.status)),
-    element("div", "pictures",
+    element("div", seat.layout,
       picture(moment.world, "The world as you see it. Lighter: what the agent sees.", "the world from above"),
       picture(moment.view, "All that the agent sees. It stands below, looking up.", "the view of the agent")),
     element("div", "speech", speech,
