@@ -1,5 +1,8 @@
 """What a person can do with an episode, without any page."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,6 +17,7 @@ from sb3_guide.playground.session import Session, messages, written
 from sb3_guide.playground.shown import shown
 from sb3_guide.policies import save_agent
 
+PAGE = Path(__file__).parents[2] / "docs" / "playground.md"
 GUIDED, GUIDE = "GoToLocal/guided", "GoToLocal/guide"
 WORLD = Beginning("GoToLocal", 3)
 
@@ -234,6 +238,13 @@ def test_nothing_is_said_after_the_end(cast):
     assert (session.time, session.seats[0].plan, session.seats[0].kept) == (1, [], None)
     with pytest.raises(ValueError, match="message 9 of this agent: expected 0 to 8"):
         session.say(0, 9, keep=False)
+
+
+def test_the_example_of_the_docs():
+    (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
+    scope: dict[str, object] = {}
+    exec(code, scope)
+    assert len(scope["episode"].turns) == 1
 
 
 def test_what_is_shown_of_a_moment(cast):
