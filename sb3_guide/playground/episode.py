@@ -1,7 +1,8 @@
 """One episode of an agent, moment by moment: a person may speak in the Guide's place, and time goes back as well."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch as th
@@ -128,13 +129,9 @@ class Episode:
         self.env.set_state(self.now.world)
         return turn
 
-    def pictures(self) -> list[np.ndarray]:
-        """:return: the world at each moment, (height, width, 3) uint8"""
-        drawn = []
-        for moment in self.moments:
-            self.env.set_state(moment.world)
-            drawn.append(self.env.render())
-        return drawn
+    def pictures(self) -> "Pictures":
+        """:return: the world at each moment up to now"""
+        return Pictures(self.env, [moment.world for moment in self.moments])
 
     def _moment(self, observation: dict[str, np.ndarray], memory: tuple[np.ndarray, ...] | None, outcome: Outcome) -> Moment:
         policy, channel = self.speaker.policy, self.speaker.policy.channel
@@ -145,3 +142,24 @@ class Episode:
             messages, actions = channel.message_log_probs(remembered), policy.listen(remembered)
         world = self.env.get_state()
         return Moment(world, observation, memory, int(spoken), messages[0].exp().numpy(), actions[0].exp().numpy(), outcome)
+
+
+class Pictures(Sequence[np.ndarray]):
+    """
+    Pictures of worlds, (height, width, 3) uint8 each, which are drawn when they are asked for: those of a long way through a
+    maze would fill the memory.
+
+    :param env: of the level
+    :param worlds: their states
+    """
+
+    def __init__(self, env: GuideGridEnv, worlds: list[dict[str, np.ndarray]]) -> None:
+        self._env = GuideGridEnv(env.level.name, env.history, render_mode="rgb_array")
+        self._worlds = worlds
+
+    def __len__(self) -> int:
+        return len(self._worlds)
+
+    def __getitem__(self, index: Any) -> Any:
+        self._env.set_state(self._worlds[index])
+        return self._env.render()

@@ -28,7 +28,7 @@ class Recording(NamedTuple):
     :param turns_in_words: the same
     :param messages: names of all messages
     :param worlds: T + 1 pictures of the world
-    :param views: T + 1 pictures of what the agent saw
+    :param images: (7, 7, 3) uint8 each, T + 1 observations of what the agent saw
     """
 
     agent: str
@@ -37,8 +37,8 @@ class Recording(NamedTuple):
     turns: list[Turn]
     turns_in_words: list[str]
     messages: list[str]
-    worlds: list[np.ndarray]
-    views: list[np.ndarray]
+    worlds: Sequence[np.ndarray]
+    images: list[np.ndarray]
 
 
 def recorded(seat: Seat) -> Recording:
@@ -57,7 +57,7 @@ def recorded(seat: Seat) -> Recording:
         [turn_in_words(episode, turn) for turn in episode.turns],
         episode.speaker.shape.names(),
         episode.pictures(),
-        [draw_view(moment.observation["image"]) for moment in episode.moments],
+        [moment.observation["image"] for moment in episode.moments],
     )
 
 
@@ -92,8 +92,9 @@ def seat_data(recording: Recording, pictures: dict[str, int]) -> dict[str, Any]:
     :param pictures: number of each picture, which are added to
     """
     moments = []
-    for moment, world, view in zip(recording.moments, recording.worlds, recording.views, strict=True):
-        world_number, view_number = (pictures.setdefault(data_url(picture), len(pictures)) for picture in (world, view))
+    for moment, world, image in zip(recording.moments, recording.worlds, recording.images, strict=True):
+        drawn = (data_url(world), data_url(draw_view(image)))
+        world_number, view_number = (pictures.setdefault(picture, len(pictures)) for picture in drawn)
         lines = [line._asdict() for line in moment.lines]
         speech = [part._asdict() for part in moment.speech]
         moments.append({**moment._asdict(), "lines": lines, "speech": speech, "world": world_number, "view": view_number})

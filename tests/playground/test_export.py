@@ -69,6 +69,15 @@ def test_names_are_not_code(recordings):
     assert json.loads(DATA.findall(page)[0])["scenes"][0][0]["agent"] == "</script><script>alert(1)</script>"
 
 
+def test_recording_changes_nothing(session, recordings):
+    env = session.seats[0].episode.env
+    before = env.render()
+    assert len(list(recordings[0].worlds)) == 4
+    assert np.array_equal(recordings[0].worlds[-1], before)
+    assert np.array_equal(env.render(), before)
+    assert not np.array_equal(recordings[0].worlds[0], before)
+
+
 def test_a_gif_of_the_episode(recordings):
     with Image.open(io.BytesIO(gif_of(recordings[0]))) as picture:
         assert (picture.format, picture.n_frames) == ("GIF", 4)
