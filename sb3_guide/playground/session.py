@@ -9,7 +9,8 @@ from sb3_guide.language import CHOREOGRAPHIES, danced, steps_of
 from sb3_guide.playground.cast import Cast
 from sb3_guide.playground.episode import Beginning, Episode
 
-LONGEST_TEXT = 2000  # characters of a choreography or of messages in a link
+LONGEST_TEXT = 2000  # characters of a choreography
+LONGEST_ROW = 8000  # characters of messages in a link: one a step for as long as any level allows
 MOST_STEPS = 5000  # more than any level allows
 GUIDE = "g"  # stands in links for a message that the Guide spoke
 NUMBERS = ("", "2")  # of the agents, in links
@@ -204,10 +205,10 @@ def messages(text: str) -> list[int | None]:
     :raises ValueError: if it is too long, or nothing of that kind
     """
     row: list[int | None] = []
-    for run in text[: LONGEST_TEXT + 1].split(",") if text else []:
+    for run in text[: LONGEST_ROW + 1].split(",") if text else []:
         match = re.fullmatch(rf"({GUIDE}|\d{{1,3}})(?:\*(\d{{1,4}}))?", run)
         times = int(match[2] or 1) if match else 0
-        if match is None or len(text) > LONGEST_TEXT or len(row) + times > MOST_STEPS:
+        if match is None or len(text) > LONGEST_ROW or len(row) + times > MOST_STEPS:
             raise ValueError(f"the messages {text[:40]!r} of the link are none: expected such as '{GUIDE}*3,0,8*2'")
         row += [None if match[1] == GUIDE else int(match[1])] * times
     return row

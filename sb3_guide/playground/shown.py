@@ -107,17 +107,10 @@ def speech(moment: Moment, lines: list[Line], heard: int, by_person: bool, time:
         return [how, Part(f" after {time} step{'' if time == 1 else 's'}.")]
     spoken, told = lines[moment.spoken], lines[heard]
     parts = [Part("The Guide says "), Part(spoken.message, GUIDE), Part(f" ({percent(spoken.says)})")]
-    if not by_person:
-        return [
-            *parts,
-            Part("; hearing it, the agent chooses "),
-            Part(spoken.action, AGENT),
-            Part(f" ({percent(spoken.does)})."),
-        ]
-    return [
-        *(*parts, Part(", but you say "), Part(told.message, YOU), Part("; hearing it, the agent chooses ")),
-        *(Part(told.action, YOU if told.differs else AGENT), Part(f" ({percent(told.does)}).")),
-    ]
+    if by_person:
+        parts += [Part(", but you say "), Part(told.message, YOU)]
+    action = Part(told.action, YOU if told.differs else AGENT)
+    return [*parts, Part("; hearing it, the agent chooses "), action, Part(f" ({percent(told.does)}).")]
 
 
 def turn_in_words(episode: Episode, turn: Turn) -> str:
