@@ -12,7 +12,7 @@ from sb3_guide.envs import ACTIONS, GuideGridEnv, is_level, name_of
 from sb3_guide.experiments.stages.levels import environment
 from sb3_guide.experiments.stages.runs import record, use_threads
 from sb3_guide.files import write_json
-from sb3_guide.language import CHOREOGRAPHIES, Dictionary, learn, obey, perform, read, steps_of
+from sb3_guide.language import CHOREOGRAPHIES, Dictionary, danced, learn, obey, perform, read, steps_of
 from sb3_guide.language.pictures import save_figure, walk_figure
 from sb3_guide.metrics import obedience
 from sb3_guide.policies import AgentPolicy, load_agent
@@ -92,16 +92,12 @@ def in_words(dictionary: Dictionary) -> str:
 
 def text_of(choreography: str, dictionary: Dictionary) -> str:
     """
-    :param choreography: name of one of ours, which turns to the left where the agent only has a word for that side, or path
-        of a text file
+    :param choreography: name of one of ours, or path of a text file
     :param dictionary: of the agent
     :raises FileNotFoundError: if it is neither
     """
     if choreography in CHOREOGRAPHIES:
-        known = [dictionary.actions[action] for action in dictionary.meanings if action >= 0]
-        left, right = (side in known for side in ("left", "right"))
-        steps = CHOREOGRAPHIES[choreography]
-        return ", ".join("left" if step == "right" and left and not right else step for step in steps)
+        return danced(choreography, dictionary)
     if not Path(choreography).is_file():
         raise FileNotFoundError(
             f"there is no choreography {choreography!r}: expected {', '.join(CHOREOGRAPHIES)}, or a text file with an action "
