@@ -139,7 +139,7 @@ def walk_elsewhere(
     mission = int(mission_seeds("analysis", 1, skip=seed)[0])
     taken = perform(policy, level, np.array([mission]), np.array(told)[:, None]).taken[:, 0]
     print("\n".join(protocol(told, taken, dictionary)))
-    return danced(mission, told, taken, dictionary)
+    return account(mission, told, taken, dictionary)
 
 
 def protocol(told: Sequence[int], taken: np.ndarray, dictionary: Dictionary) -> list[str]:
@@ -155,7 +155,7 @@ def protocol(told: Sequence[int], taken: np.ndarray, dictionary: Dictionary) -> 
     ]
 
 
-def danced(mission: int, told: Sequence[int], taken: np.ndarray, dictionary: Dictionary) -> dict[str, Any]:
+def account(mission: int, told: Sequence[int], taken: np.ndarray, dictionary: Dictionary) -> dict[str, Any]:
     """:return: seed of the mission, and what was told, meant and done, as JSON"""
     actions = dictionary.actions
     return {
