@@ -129,7 +129,7 @@ def walk_in_level(
     lines = protocol(told, taken[: len(cells) - 1], dictionary)
     print("\n".join(lines))
     save_figure(walk_figure(grid, np.array(cells), lines), out / "walk.png")
-    return {"mission": env.mission, **danced(mission, told, taken[: len(lines)], dictionary)}
+    return {"mission": env.mission, **account(mission, told, taken[: len(lines)], dictionary)}
 
 
 def walk_elsewhere(
