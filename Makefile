@@ -18,7 +18,7 @@ test-newest: .venv-newest/installed  ## levels, policies, metrics and callbacks 
 
 .venv/installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
-	$(RUN)pip install --constraint constraints.txt --editable ".[imitation,experiments,zoo,human,test,lint]"
+	$(RUN)pip install --constraint constraints.txt --editable ".[imitation,experiments,zoo,human,playground,test,lint]"
 	touch $@
 
 .venv-newest/installed: pyproject.toml constraints.txt

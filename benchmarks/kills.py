@@ -195,10 +195,10 @@ def programs(work: Path, real: bool) -> tuple[list[str], dict[str, str]]:
     return [sys.executable, "-c", call, *study], {**os.environ, "PYTHONPATH": path, "FAKE_SECONDS": "0.3"}
 
 
-def left_running(folder: Path) -> int:
-    """:return: processes of a run"""
+def running(folder: Path) -> set[int]:
+    """:return: numbers of the processes of a run"""
     processes = psutil.process_iter(["environ"])
-    return sum((process.info["environ"] or {}).get(RUN_VARIABLE) == str(folder / "out") for process in processes)
+    return {each.pid for each in processes if (each.info["environ"] or {}).get(RUN_VARIABLE) == str(folder / "out")}
 
 
 def kill_workflow(kills: int, work: Path, real: bool) -> dict[str, Any]:
@@ -221,6 +221,7 @@ def kill_workflow(kills: int, work: Path, real: bool) -> dict[str, Any]:
         while done < kills:
             folder, ended = work / str(runs), False
             while done < kills and not ended:
+                before = running(folder)  # left by a SIGKILL, and not this call's doing if it is ended before it has begun
                 process = begin(folder)
                 try:
                     failed += process.wait(rng.uniform(0, SLOWER * seconds)) != 0
@@ -232,7 +233,7 @@ def kill_workflow(kills: int, work: Path, real: bool) -> dict[str, Any]:
                     else:
                         os.killpg(process.pid, signal.SIGKILL)
                     process.wait()
-                    left += left_running(folder) if how < 2 else 0
+                    left += len(running(folder) - before) if how < 2 else 0
                     done += 1
                     progress.update()
             failed += begin(folder).wait() != 0

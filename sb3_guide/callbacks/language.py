@@ -5,7 +5,6 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Figure
 
 from sb3_guide.cloning import mission_seeds
-from sb3_guide.envs import ACTIONS
 from sb3_guide.language import learn, read
 from sb3_guide.policies import AgentPolicy
 
@@ -19,7 +18,7 @@ class LanguageCallback(BaseCallback):
     RecurrentPPO and our policies with a channel, and changes nothing in their training. Needs matplotlib and tensorboard,
     which the extra ``experiments`` brings.
 
-    :param level: name or id of the level to play
+    :param level: name or id of the level to play, or id of another environment
     :param n_episodes: missions to play
     :param every_n_rollouts: after one rollout in so many
     :param verbose: as in SB3
@@ -53,6 +52,6 @@ class LanguageCallback(BaseCallback):
 
         assert isinstance(self.model.policy, AgentPolicy)
         reading = read(self.model.policy, self.level, self.seeds)
-        figure = conditional_bars(reading.shape.names(), list(ACTIONS), learn(reading).counts)
+        figure = conditional_bars(reading.shape.names(), list(reading.actions), learn(reading).counts)
         self.logger.record("guide/messages", th.as_tensor(reading.messages), exclude=FORMATS)
         self.logger.record("guide/actions", Figure(figure, close=False), exclude=FORMATS)

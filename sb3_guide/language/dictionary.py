@@ -20,10 +20,12 @@ class Dictionary:
 
     :param shape: form of the messages
     :param counts: (M, A) int64, how often each action followed each message
+    :param actions: names of the actions
     """
 
     shape: MessageShape
     counts: np.ndarray
+    actions: tuple[str, ...] = ACTIONS
 
     @property
     def probabilities(self) -> np.ndarray:
@@ -45,12 +47,12 @@ class Dictionary:
         """
         meanings = self.meanings
         if action not in meanings:
-            known = ", ".join(ACTIONS[meant] for meant in np.unique(meanings[meanings >= 0])) or "none"
-            raise ValueError(f"the agent has no word for {ACTIONS[action]!r}: its messages mean {known}")
+            known = ", ".join(self.actions[meant] for meant in np.unique(meanings[meanings >= 0])) or "none"
+            raise ValueError(f"the agent has no word for {self.actions[action]!r}: its messages mean {known}")
         return int(np.argmax(np.where(meanings == action, self.counts.sum(axis=1), -1)))
 
 
 def learn(reading: Reading) -> Dictionary:
     """:return: the dictionary of what was read"""
-    counts = joint_counts(reading.messages, reading.episodes.actions, reading.shape.count, len(ACTIONS))
-    return Dictionary(reading.shape, counts)
+    counts = joint_counts(reading.messages, reading.episodes.actions, reading.shape.count, len(reading.actions))
+    return Dictionary(reading.shape, counts, reading.actions)

@@ -1,5 +1,6 @@
 """An agent on disk: a folder with network.safetensors and agent.json, which holds a checksum over both."""
 
+import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -9,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import torch as th
+from gymnasium import spaces
 
 from sb3_guide.files import check_types, checksum, read_arrays, read_json, write_arrays, write_json
 
@@ -16,6 +18,7 @@ FORMAT = 2
 WITHOUT_CHECKSUM = 1  # the format before
 NETWORK, AGENT = "network.safetensors", "agent.json"
 MOST_BYTES = 2**30  # of weights
+LARGEST = 2**24  # values in an observation
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,8 @@ class Description:
     :param level: where it was trained
     :param versions: of the packages it was made with
     :param format: of the folder
+    :param observation_space: as :func:`described` returns it; None for that of our levels
+    :param actions: how many there are; None for those of our levels
     :raises TypeError: if one of them is of another type
     """
 
@@ -38,6 +43,8 @@ class Description:
     level: str | None = None
     versions: dict[str, str] = field(default_factory=dict)
     format: int = FORMAT
+    observation_space: dict[str, dict[str, Any]] | None = None
+    actions: int | None = None
 
     def __post_init__(self) -> None:
         check_types(self)
@@ -112,3 +119,46 @@ def check_finite(arrays: Mapping[str, np.ndarray], folder: Path) -> None:
     for name, array in arrays.items():
         if not np.isfinite(array).all():
             raise ValueError(f"{name} of the agent in {folder} is not finite: its training diverged; take smaller steps")
+
+
+def described(space: spaces.Dict) -> dict[str, dict[str, Any]]:
+    """
+    :param space: of Boxes
+    :return: the same as JSON; bounds that are the same everywhere are written once
+    """
+    return {
+        name: {"shape": list(box.shape), "dtype": str(box.dtype), "low": bounds(box.low), "high": bounds(box.high)}
+        for name, box in space.spaces.items()
+        if isinstance(box, spaces.Box)
+    }
+
+
+def bounds(values: np.ndarray) -> Any:
+    """:return: a number, where all are the same, or nested lists of numbers"""
+    return (values.flat[0] if (values == values.flat[0]).all() else values).tolist()
+
+
+def space_of(description: dict[str, dict[str, Any]]) -> spaces.Dict:
+    """
+    :param description: as :func:`described` returns it
+    :raises ValueError: if it describes no Boxes
+    """
+    try:
+        return spaces.Dict({name: box_of(**box) for name, box in description.items()})
+    except (AttributeError, OverflowError, TypeError) as error:
+        raise ValueError(f"{description} describes no observation space ({error!r})") from error
+
+
+def box_of(shape: list[int], dtype: str, low: Any, high: Any) -> spaces.Box:
+    """
+    :param shape: of the arrays
+    :param dtype: of their values
+    :param low: see :func:`bounds`
+    :param high: see :func:`bounds`
+    :raises ValueError: if there is no such Box, or it is larger than anything that agents see
+    """
+    if not 0 < math.prod(shape) <= LARGEST:
+        raise ValueError(f"shape {shape}: expected 1 to {LARGEST} values")
+    kind = np.dtype(dtype).type
+    lowest, highest = (np.broadcast_to(np.array(bound, kind), shape) for bound in (low, high))
+    return spaces.Box(lowest, highest, tuple(shape), kind)

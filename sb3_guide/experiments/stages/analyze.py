@@ -4,12 +4,15 @@ import time
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import torch as th
+from matplotlib.figure import Figure
 
-from sb3_guide.cloning import Episodes, load_demonstrations, measure_communication, mission_seeds
-from sb3_guide.envs import ACTIONS, GuideGridEnv, level_of
+from sb3_guide.cloning import load_demonstrations, measure_communication, mission_seeds
+from sb3_guide.envs import GuideGridEnv, is_level
 from sb3_guide.experiments.stages.animation import Caption, write_animation
+from sb3_guide.experiments.stages.levels import environment
 from sb3_guide.experiments.stages.runs import record, use_threads
 from sb3_guide.files import write_json
 from sb3_guide.language import SITUATIONS, Reading, memory_of, read, situations, targets
@@ -34,14 +37,14 @@ SHOWN_LENGTH = 8  # frames that an episode needs to be worth watching
 def analyze(agent: Path, level: str, demos: Path | None, out: Path, threads: int, n_episodes: int = 500) -> None:
     """
     :param agent: folder of an agent with a channel
-    :param level: name of the level
+    :param level: see :func:`~sb3_guide.experiments.stages.levels.environment`
     :param demos: file of demonstrations that no agent was trained on, along which CIC is measured as well, as in the paper
     :param out: folder for analysis.json, its figures and episode.gif
     :param threads: of torch
     :param n_episodes: missions to play, from the analysis split
     :raises ValueError: if the agent has no channel, or the demonstrations are damaged
     """
-    level = level_of(level).name
+    level = environment(level)
     use_threads(threads)
     started = time.monotonic()
     policy = load_agent(agent)
@@ -49,11 +52,11 @@ def analyze(agent: Path, level: str, demos: Path | None, out: Path, threads: int
     found: dict[str, Any] = {
         "agent": type(policy).__name__,
         "messages": reading.shape.names(),
-        "actions": list(ACTIONS),
-        "situations": list(SITUATIONS),
+        "actions": list(reading.actions),
         "episodes": len(reading.episodes),
         "frames": len(reading.messages),
         **tables(reading),
+        **(in_situations(reading) if is_level(level) else {}),
         "in_play": communication(reading),
         "positive_signalling": positive_signalling(reading.message_log_probs),
     }
@@ -61,30 +64,38 @@ def analyze(agent: Path, level: str, demos: Path | None, out: Path, threads: int
         found |= measure_communication(policy, memory_of(policy, load_demonstrations(demos).episodes))
     out.mkdir(parents=True, exist_ok=True)
     draw(found, out)
-    animate(reading.episodes, reading.messages, reading.shape.names(), level, out / "episode.gif")
+    animate(reading, level, out / "episode.gif")
     settings = {"level": level, "folder": str(agent), "demos": None if demos is None else str(demos), "threads": threads}
     write_json(out / "analysis.json", {**record("analyze", settings, time.monotonic() - started), **found})
 
 
 def tables(reading: Reading) -> dict[str, Any]:
-    """:return: what goes together with what: counts, and 95 % intervals (2, R, C) of the conditional probabilities"""
+    """:return: which actions follow which messages: counts, and 95 % intervals (2, M, A) of the conditional probabilities"""
+    episodes, n_messages = reading.episodes, reading.shape.count
+    actions = by_episode(reading.episode, reading.messages, episodes.actions, len(episodes), n_messages, len(reading.actions))
+    return {
+        "counts": actions.sum(axis=0).tolist(),
+        "action_intervals": intervals(actions),
+        "symbol_information": symbol_information(actions.sum(axis=0), reading.shape.length).tolist(),
+    }
+
+
+def in_situations(reading: Reading) -> dict[str, Any]:
+    """:return: which messages are spoken where: counts and intervals as in :func:`tables`, with the target in each cell too"""
     episodes, messages, n_messages = reading.episodes, reading.messages, reading.shape.count
     found = targets(episodes)
     situation = situations(found)
     inside = situation >= 0
     frame, across, down = found.nonzero()
     cells = joint_counts(across * found.shape[2] + down, messages[frame], found[0].size, n_messages)
-    actions = by_episode(reading.episode, messages, episodes.actions, len(episodes), n_messages, len(ACTIONS))
     spoken = by_episode(
         reading.episode[inside], situation[inside], messages[inside], len(episodes), len(SITUATIONS), n_messages
     )
     return {
-        "counts": actions.sum(axis=0).tolist(),
-        "action_intervals": intervals(actions),
+        "situations": list(SITUATIONS),
         "situation_counts": spoken.sum(axis=0).tolist(),
         "situation_intervals": intervals(spoken),
         "cell_counts": cells.reshape(*found.shape[1:], n_messages).tolist(),
-        "symbol_information": symbol_information(actions.sum(axis=0), reading.shape.length).tolist(),
     }
 
 
@@ -129,41 +140,52 @@ def draw(found: dict[str, Any], out: Path) -> None:
     :param found: content of analysis.json
     :param out: folder of the figures
     """
-    for file, rows, columns, counts, bounds in (
-        ("actions.png", found["messages"], found["actions"], found["counts"], found["action_intervals"]),
-        (
-            "situations.png",
-            [f"target {name}" for name in SITUATIONS],
-            found["messages"],
-            found["situation_counts"],
-            found["situation_intervals"],
-        ),
-    ):
-        figure = conditional_bars(rows, columns, np.array(counts), np.array(bounds, dtype=np.float64))
-        save_figure(figure, out / file)
-    save_figure(view_maps(found["messages"], np.array(found["cell_counts"])), out / "cells.png")
+
+    def bars(rows: list[str], columns: list[str], counts: list[Any], bounds: list[Any]) -> Figure:
+        return conditional_bars(rows, columns, np.array(counts), np.array(bounds, dtype=np.float64))
+
+    messages = found["messages"]
+    save_figure(bars(messages, found["actions"], found["counts"], found["action_intervals"]), out / "actions.png")
+    if "situations" in found:
+        rows = [f"target {name}" for name in found["situations"]]
+        figure = bars(rows, messages, found["situation_counts"], found["situation_intervals"])
+        save_figure(figure, out / "situations.png")
+        save_figure(view_maps(messages, np.array(found["cell_counts"])), out / "cells.png")
 
 
-def animate(episodes: Episodes, messages: np.ndarray, names: list[str], level: str, path: Path) -> None:
+def animate(reading: Reading, level: str, path: Path) -> None:
     """
-    Draw the first successful episode that is long enough to be worth watching, or the longest successful one.
+    Draw the first successful episode that is long enough to be worth watching, or the longest successful one, if the
+    environment can draw itself.
 
-    :param episodes: that were played
-    :param messages: (F,) index of the message at each frame
-    :param names: of the messages
-    :param level: name of the level
+    :param reading: what was played
+    :param level: name of the level, or id of another environment
     :param path: of the GIF
     """
+    episodes, names = reading.episodes, reading.shape.names()
+    env = drawn(level)
+    if env is None:
+        return
     lengths = np.where(episodes.successes, episodes.lengths, 0)
     shown = int(np.argmax(lengths.clip(max=SHOWN_LENGTH)))
     first, last = episodes.offsets[shown : shown + 2]
-    env = GuideGridEnv(level, render_mode="rgb_array")
     env.reset(seed=int(episodes.seeds[shown]))
-    frames, captions = [], []
-    for message, action in zip(messages[first:last], episodes.actions[first:last], strict=True):
+    mission = getattr(env.unwrapped, "mission", "")
+    frames: list[Any] = []
+    captions = []
+    for message, action in zip(reading.messages[first:last], episodes.actions[first:last], strict=True):
         frames.append(env.render())
-        captions.append(Caption(env.mission, names[message], ACTIONS[action]))
+        captions.append(Caption(mission, names[message], reading.actions[action]))
         env.step(action)
     frames.append(env.render())
-    captions.append(Caption(env.mission, "", ""))
+    captions.append(Caption(mission, "", ""))
+    env.close()
     write_animation(path, frames, captions)
+
+
+def drawn(level: str) -> gymnasium.Env | None:
+    """:return: an environment that draws itself, None if it can't"""
+    if is_level(level):
+        return GuideGridEnv(level, render_mode="rgb_array")
+    modes = gymnasium.make(level).metadata.get("render_modes") or ()
+    return gymnasium.make(level, render_mode="rgb_array") if "rgb_array" in modes else None

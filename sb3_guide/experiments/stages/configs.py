@@ -10,7 +10,7 @@ from typing import Any
 
 from stable_baselines3.common.type_aliases import Schedule
 
-from sb3_guide.envs import level_of
+from sb3_guide.envs import is_level, level_of
 from sb3_guide.envs.batch import MAX_WORLDS
 from sb3_guide.files import fits, read_yaml
 
@@ -81,7 +81,7 @@ def in_use(config: dict[str, Any]) -> Iterator[None]:
 def load_config(name: str, level: str, file: Path | None = None) -> dict[str, Any]:
     """
     :param name: of a packaged file, such as "ppo" or "bc"
-    :param level: whose entry to take
+    :param level: name of the level, or id of another environment, whose entry to take
     :param file: YAML in rl-zoo's format to read instead of the packaged one
     :raises FileNotFoundError: if the file does not exist
     :raises ValueError: if it is no YAML mapping or has no usable entry for the level
@@ -90,7 +90,7 @@ def load_config(name: str, level: str, file: Path | None = None) -> dict[str, An
     if not path.is_file():
         raise FileNotFoundError(f"{path} does not exist: expected a YAML file in rl-zoo's format")
     entries = read_yaml(path)
-    key = level_of(level).env_id
+    key = level_of(level).env_id if is_level(level) else level
     if not isinstance(entries, dict) or not isinstance(entries.get(key), dict):
         known = ", ".join(map(str, entries)) if isinstance(entries, dict) else "none"
         raise ValueError(f"{path} has no entry {key}: it has {known}; add one or pass another file with --config")

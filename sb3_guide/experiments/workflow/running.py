@@ -146,7 +146,7 @@ def run_workflow(config: dict[str, Any], cores: int, folder: Path) -> float:
     process = subprocess.Popen(
         command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     )
-    with closing(Display(folder, cores)) as display, log.open("w", buffering=1) as file:
+    with ended(process), closing(Display(folder, cores)) as display, log.open("w", buffering=1) as file:
         for line in lines_of(process):
             stopwatch.save()
             file.write(line)
@@ -159,6 +159,26 @@ def run_workflow(config: dict[str, Any], cores: int, folder: Path) -> float:
             reason = f"Snakemake was killed by signal {-process.returncode}"
         raise RuntimeError(f"The workflow stopped ({reason}), see {log}. The same command goes on from where it stopped")
     return stopwatch.save()
+
+
+@contextmanager
+def ended(process: "subprocess.Popen[str]") -> Iterator[None]:
+    """
+    Kill a process, and all that it has started, if it has not ended when the block ends. Each is stopped before it is asked
+    for its children, so that none is missed: not even one that is about to begin and has no environment yet.
+    """
+    try:
+        yield
+    finally:
+        tree = [] if process.poll() is not None else [psutil.Process(process.pid)]
+        for each in tree:
+            with suppress(psutil.NoSuchProcess):
+                each.suspend()
+                tree += each.children()
+        for each in tree:
+            with suppress(psutil.NoSuchProcess):
+                each.kill()
+        psutil.wait_procs(tree, timeout=10)
 
 
 def lines_of(process: "subprocess.Popen[str]") -> Iterator[str]:
