@@ -122,8 +122,10 @@ def test_a_run_that_is_killed_again_and_again_ends_with_the_same_summary(
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     process = until("seed0/analysis/guide")
+    (caller,) = psutil.Process(process.pid).children()
     os.killpg(process.pid, signal.SIGINT)
     process.wait()
+    psutil.wait_procs([caller], timeout=20)  # the shell that called it doesn't wait for it
     assert processes_of(tmp_path) == []
     reproduce("stages", ["GoToObj"], seeds=1, cores=2, out=tmp_path)
     assert summary_of(tmp_path) == undisturbed
