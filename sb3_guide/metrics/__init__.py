@@ -6,6 +6,7 @@ from sb3_guide.metrics.communication import (
     influence,
     message_entropy,
     positive_signalling,
+    tempered,
     uniform_cic,
 )
 from sb3_guide.metrics.language import conditional, joint_counts, obedience, symbol_information
@@ -23,5 +24,6 @@ __all__ = [
     "positive_signalling",
     "ratio_interval",
     "symbol_information",
+    "tempered",
     "uniform_cic",
 ]

@@ -41,6 +41,27 @@ def uniform_cic(action_log_probs: th.Tensor) -> th.Tensor:
     return cic(action_log_probs.new_full((frames, messages), -math.log(messages)), action_log_probs)
 
 
+def tempered(message_log_probs: th.Tensor, entropy: float) -> th.Tensor:
+    """
+    What the Guide would say at the one temperature at which its messages are, on average, so uncertain. As the entropy bounds
+    CIC, only the CIC of equally uncertain messages tells who is listened to more, or when.
+
+    :param message_log_probs: (N, M) log pi_G(m|o)
+    :param entropy: mean over frames that is asked for, in nats; where a message is impossible it may be out of reach
+    :return: (N, M) log-probabilities, proportional to ``message_log_probs`` in each frame before they are normalised
+    :raises ValueError: if no messages have this entropy
+    """
+    highest = math.log(message_log_probs.shape[1])
+    if not 0 < entropy < highest:
+        raise ValueError(f"entropy={entropy}: expected a number of nats above 0 and below {highest:.2f}, log of the messages")
+    low, high = math.log(1e-3), math.log(1e5)  # temperatures
+    for _ in range(50):
+        middle = (low + high) / 2
+        found = (message_log_probs / math.exp(middle)).log_softmax(dim=1)
+        low, high = (low, middle) if message_entropy(found).mean() > entropy else (middle, high)
+    return found
+
+
 def cic_as_published(message_log_probs: th.Tensor, action_log_probs: th.Tensor) -> th.Tensor:
     """
     CIC as the code published with Lowe et al. (2019) has it, whose marginal of the actions is a mean over messages where the

@@ -163,7 +163,7 @@ def test_stage_two_and_three(demos, tmp_path):
     assert all(th.equal(guide[name], frozen[name]) for name in guide)
     assert not all(th.equal(guide[name], tuned[name]) for name in guide)
     columns = {"epoch", "episodes", "loss", "success_rate", "mean_length", "seconds"}
-    communication = {"cic", "uniform_cic", "message_entropy"}
+    communication = {"cic", "uniform_cic", "message_entropy", "tempered_cic"}
     for agent in ("learner", "guide", "guided"):
         rows = read_table(tmp_path / agent / "progress.csv")
         assert [float(row["epoch"]) for row in rows] == [0, 0.5, 1, 2, 3]
