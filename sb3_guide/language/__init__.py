@@ -3,7 +3,7 @@
 from sb3_guide.language.ablation import ablate, ablations
 from sb3_guide.language.dictionary import Dictionary, learn
 from sb3_guide.language.reading import Reading, memory_of, read
-from sb3_guide.language.situations import SITUATIONS, situations, targets
+from sb3_guide.language.situations import SITUATIONS, meanings, situations, targets
 from sb3_guide.language.speaking import CHOREOGRAPHIES, Performance, obey, perform, speak, steps_of
 
 __all__ = [
@@ -15,6 +15,7 @@ __all__ = [
     "ablate",
     "ablations",
     "learn",
+    "meanings",
     "memory_of",
     "obey",
     "perform",

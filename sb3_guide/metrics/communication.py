@@ -102,15 +102,18 @@ def message_entropy(message_log_probs: th.Tensor) -> th.Tensor:
     return -expectation(message_log_probs, message_log_probs).sum(dim=1)
 
 
-def positive_signalling(message_log_probs: th.Tensor) -> float:
+def positive_signalling(message_log_probs: th.Tensor, weights: th.Tensor | None = None) -> float:
     """
     Mutual information of message and observation, H(E pi_G) - E H(pi_G): whether what the Guide says depends on what it sees.
 
     :param message_log_probs: (N, M) log pi_G(m|o)
+    :param weights: (N,) how often each frame counts; None for once
     :return: nats, over all frames
     """
-    marginal = message_log_probs.logsumexp(dim=0, keepdim=True) - math.log(len(message_log_probs))
-    return float(message_entropy(marginal) - message_entropy(message_log_probs).mean())
+    often = message_log_probs.new_ones(len(message_log_probs)) if weights is None else weights
+    share = often / often.sum()
+    marginal = (share.unsqueeze(1) * message_log_probs.exp()).sum(dim=0, keepdim=True)
+    return float(message_entropy(marginal.log()) - share @ message_entropy(message_log_probs))
 
 
 def expectation(log_probs: th.Tensor, values: th.Tensor) -> th.Tensor:

@@ -70,6 +70,13 @@ def test_positive_signalling_is_what_messages_tell_of_observations():
     assert positive_signalling(CERTAIN_OF_FIRST.expand(5, 3)) == pytest.approx(0.0, abs=1e-6)
 
 
+def test_positive_signalling_of_frames_that_count_several_times():
+    frames = th.randn(5, 3, generator=th.Generator().manual_seed(0)).log_softmax(-1)
+    often = th.tensor([2, 0, 1, 3, 1])
+    repeated = positive_signalling(frames.repeat_interleave(often, dim=0))
+    assert positive_signalling(frames, often.float()) == pytest.approx(repeated, abs=1e-6)
+
+
 @given(seed=st.integers(0, 10_000), messages=st.integers(2, 9), actions=st.integers(2, 7), sharpness=st.floats(0, 200))
 def test_cic_lies_between_zero_and_its_bounds(seed, messages, actions, sharpness):
     generator = th.Generator().manual_seed(seed)
@@ -127,5 +134,5 @@ def test_tempering_by_hand():
 
 @pytest.mark.parametrize("entropy", [0, -1, math.log(3), 5])
 def test_no_messages_have_such_an_entropy(entropy):
-    with pytest.raises(ValueError, match="expected a number of nats above 0 and below 1.10"):
+    with pytest.raises(ValueError, match=r"expected a number of nats above 0 and below 1\.10"):
         tempered(UNIFORM, entropy)
