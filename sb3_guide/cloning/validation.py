@@ -80,7 +80,7 @@ def measure_communication(policy: AgentPolicy, memory: th.Tensor) -> dict[str, f
 
     :param policy: with a channel
     :param memory: (K, state_size) of its network at K frames
-    :return: in nats "cic", "uniform_cic", "message_entropy" and "tempered_cic", the CIC of messages half as uncertain as can be
+    :return: in nats "cic", "uniform_cic", "message_entropy", and "tempered_cic": CIC of messages half as uncertain as can be
     :raises ValueError: if the policy has no channel
     """
     with th.no_grad():

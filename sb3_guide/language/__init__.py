@@ -2,7 +2,7 @@
 
 from sb3_guide.language.ablation import ablate, ablations
 from sb3_guide.language.dictionary import Dictionary, learn
-from sb3_guide.language.reading import Reading, memory_of, read
+from sb3_guide.language.reading import Reading, read, read_along
 from sb3_guide.language.situations import SITUATIONS, meanings, situations, targets
 from sb3_guide.language.speaking import CHOREOGRAPHIES, Performance, obey, perform, speak, steps_of
 
@@ -16,10 +16,10 @@ __all__ = [
     "ablations",
     "learn",
     "meanings",
-    "memory_of",
     "obey",
     "perform",
     "read",
+    "read_along",
     "situations",
     "speak",
     "steps_of",

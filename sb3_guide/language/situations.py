@@ -84,5 +84,5 @@ def meanings(episodes: Episodes, found: np.ndarray) -> np.ndarray:
     across, down = np.indices((VIEW, VIEW))
     steps = np.where(found, np.abs(across - COLUMN) + ROW - down, 2 * VIEW).reshape(len(found), -1)
     place = np.stack(np.divmod(steps.argmin(axis=1), VIEW), axis=1)
-    visible = found.any(axis=(1, 2))
-    return np.concatenate([np.where(visible[:, None], place, VIEW), sought(episodes) - ANYTHING], axis=1)
+    visible = found.reshape(len(found), -1).any(axis=1, keepdims=True)
+    return np.concatenate([np.where(visible, place, VIEW), sought(episodes) - ANYTHING], axis=1)

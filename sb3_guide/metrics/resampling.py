@@ -33,10 +33,7 @@ def ratio_interval(numerators: np.ndarray, denominators: np.ndarray, rng: np.ran
     drawn = draw_episodes(len(numerators), rng)
     above, below = (np.tensordot(drawn, part, axes=1) for part in (numerators, denominators))
     with np.errstate(invalid="ignore", divide="ignore"):
-        ratios = np.where(below > 0, above / below, np.nan)
-    missing = np.isnan(ratios).mean(axis=0) > 0.5
-    ratios = np.where(missing, 0.0, ratios)
-    return np.where(missing, np.nan, np.nanpercentile(ratios, (2.5, 97.5), axis=0))
+        return bounds(np.where(below > 0, above / below, np.nan))
 
 
 def interval(statistic: Callable[[np.ndarray], float | np.ndarray], episodes: int, rng: np.random.Generator) -> np.ndarray:
@@ -46,11 +43,19 @@ def interval(statistic: Callable[[np.ndarray], float | np.ndarray], episodes: in
     :param statistic: of (E,) float64, how often each episode counts
     :param episodes: E
     :param rng: that draws the episodes
-    :return: (2, ...) float64, lower and upper bound
+    :return: (2, ...) float64, lower and upper bound; NaN where the statistic nearly always is
     :raises ValueError: if there is no episode
     """
-    found = np.array([statistic(weights) for weights in draw_episodes(episodes, rng)])
-    return np.nanpercentile(found, (2.5, 97.5), axis=0)
+    return bounds(np.array([statistic(weights) for weights in draw_episodes(episodes, rng)]))
+
+
+def bounds(found: np.ndarray) -> np.ndarray:
+    """
+    :param found: (R, ...) of each resample
+    :return: (2, ...) the middle 95 % of those that are known; NaN where more than half are not
+    """
+    missing = np.isnan(found).mean(axis=0) > 0.5
+    return np.where(missing, np.nan, np.nanpercentile(np.where(missing, 0.0, found), (2.5, 97.5), axis=0))
 
 
 def draw_episodes(episodes: int, rng: np.random.Generator) -> np.ndarray:

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 
 from sb3_guide.cloning import mission_seeds
-from sb3_guide.envs import ACTIONS, GuideGridEnv, level_of
+from sb3_guide.envs import ACTIONS, GuideGridEnv
+from sb3_guide.experiments.stages.levels import level_of_agent
 from sb3_guide.experiments.stages.runs import record, use_threads
 from sb3_guide.files import write_json
 from sb3_guide.language import CHOREOGRAPHIES, Dictionary, learn, obey, perform, read, steps_of
 from sb3_guide.language.pictures import save_figure, walk_figure
 from sb3_guide.metrics import obedience
 from sb3_guide.policies import AgentPolicy, load_agent
-from sb3_guide.policies.folder import read_agent
 
 LEARNED_ON = 500  # missions of the validation split
 WORLDS = 50  # missions on which ten messages each are told
@@ -44,11 +44,11 @@ def speak_to(
     :param seed: of the mission and of the random messages
     :param threads: of torch
     :raises FileNotFoundError: if there is no such choreography
-    :raises ValueError: if the agent has no channel or no word for something, or a step is unknown
+    :raises ValueError: if the agent has no channel, is of another level or has no word for something, or a step is unknown
     """
     use_threads(threads)
     started = time.monotonic()
-    policy, level = load_agent(agent), level_of(level or str(read_agent(agent)[0].level)).name
+    level, policy = level_of_agent(agent, level), load_agent(agent)
     dictionary = learn(read(policy, level, mission_seeds("validation", LEARNED_ON)))
     print(in_words(dictionary))
     found: dict[str, Any] = {"dictionary": entries(dictionary)}
@@ -89,8 +89,8 @@ def in_words(dictionary: Dictionary) -> str:
 
 def text_of(choreography: str, dictionary: Dictionary) -> str:
     """
-    :param choreography: name of one of ours, which turns left where that is the only side that the agent has a word for, or path
-        of a text file
+    :param choreography: name of one of ours, which turns left where that is the only side that the agent has a word for, or
+        path of a text file
     :param dictionary: of the agent
     :raises FileNotFoundError: if it is neither
     """

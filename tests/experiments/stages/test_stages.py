@@ -177,14 +177,18 @@ def test_stage_two_and_three(demos, tmp_path):
     assert found["episodes"] == 6
     assert found["low"] <= found["success_rate"] == found["successes"] / 6 <= found["high"]
 
-    analyze(tmp_path / "guided", "GoToObj", demos / "analysis.safetensors", tmp_path / "analysis", threads=1)
+    of_analysis = demos / "analysis.safetensors"
+    analyze(tmp_path / "guided", None, of_analysis, tmp_path / "guide", tmp_path / "analysis", threads=1)
     found = json.loads((tmp_path / "analysis" / "analysis.json").read_text())
     assert len(found["messages"]) == len(found["counts"]) == 9
     assert sum(map(sum, found["counts"])) == found["frames"]
-    assert 0 <= found["cic"] <= found["message_entropy"]
-    assert found["in_play"]["cic"]["low"] <= found["in_play"]["cic"]["mean"] <= found["in_play"]["cic"]["high"]
+    for measures in (found["in_play"], found["along_demonstrations"]):
+        assert 0 <= measures["cic"]["mean"] <= measures["message_entropy"]["mean"]
+        assert all(measure["low"] - 1e-6 <= measure["mean"] <= measure["high"] + 1e-6 for measure in measures.values())
+    assert found["topographic_similarity"].keys() == {"value", "low", "high", "by_chance", "p_value"}
+    assert len(found["episode"]["influence"]) == len(found["episode"]["messages"])
     assert (tmp_path / "analysis" / "episode.gif").read_bytes().startswith(b"GIF89a")
-    for name in ("actions.png", "situations.png", "cells.png"):
+    for name in ("actions.png", "situations.png", "cells.png", "change.png"):
         assert (tmp_path / "analysis" / name).read_bytes().startswith(b"\x89PNG")
     kept = json.loads((tmp_path / "guided" / "highest_cic" / "agent.json").read_text())
     assert kept == json.loads((tmp_path / "guided" / "agent.json").read_text())
@@ -254,7 +258,7 @@ def test_a_guide_by_reinforcement_learning_is_analysed(demos, tmp_path):
     config = write_config(tmp_path / "ppo.yml", PPO | {"policy": "GuidePolicy", "n_timesteps": 128, "callback": callbacks})
     train_expert("GoToObj", tmp_path / "guide", seed=0, threads=1, resume=False, config_file=config)
     assert "guide/uniform_cic" in read_table(tmp_path / "guide" / "progress.csv")[-1]
-    analyze(tmp_path / "guide", "GoToObj", demos / "analysis.safetensors", tmp_path / "analysis", threads=1)
+    analyze(tmp_path / "guide", None, demos / "analysis.safetensors", None, tmp_path / "analysis", threads=1)
     found = json.loads((tmp_path / "analysis" / "analysis.json").read_text())
     assert sum(map(sum, found["counts"])) == found["frames"]
 
