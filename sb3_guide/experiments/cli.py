@@ -111,6 +111,9 @@ def clone(
     hears: Annotated[Hears, typer.Option(help="What happens to that Guide's messages before they are heard.")] = Hears.spoken,
     init: Annotated[Path | None, typer.Option(help="Folder of a Learner, or of a Guide for its trunk, to start from.")] = None,
     params: Annotated[list[str] | None, typer.Option(help="Hyper-parameter to override, such as n_epochs:5.")] = None,
+    tensorboard: Annotated[
+        bool, typer.Option("--tensorboard", help="Show validations and pictures of the language in OUT/tensorboard.")
+    ] = False,
     seed: Seed = 0,
     threads: Threads = 1,
     resume: Resume = False,
@@ -129,6 +132,7 @@ def clone(
         init=init,
         params=params or (),
         config_file=config,
+        tensorboard=tensorboard,
     )
 
 

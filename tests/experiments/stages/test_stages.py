@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 import torch as th
 import yaml
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from sb3_guide.cloning import load_demonstrations, save_demonstrations
 from sb3_guide.experiments.stages import record
@@ -154,7 +155,7 @@ def test_stage_two_and_three(demos, tmp_path):
     shared = {"level": "GoToObj", "demos": [demos], "seed": 0, "threads": 1, "resume": False, "config_file": config}
     guide = str(tmp_path / "guide")
     clone("learner", out=tmp_path / "learner", **shared)
-    clone("guide", out=tmp_path / "guide", **shared)
+    clone("guide", out=tmp_path / "guide", tensorboard=True, **shared)
     clone("guided", out=tmp_path / "guided", guide=guide, **shared)
     clone("guided", out=tmp_path / "frozen", guide=guide, freeze_guide=True, **shared)
     guide = load_agent(tmp_path / "guide").channel.speaker.state_dict()
@@ -169,6 +170,10 @@ def test_stage_two_and_three(demos, tmp_path):
         assert [float(row["epoch"]) for row in rows] == [0, 0.5, 1, 2, 3]
         assert [int(row["episodes"]) for row in rows] == [0, 4, 8, 16, 24]
         assert rows[0].keys() == columns | (communication if agent != "learner" else set())
+    events = EventAccumulator(str(tmp_path / "guide" / "tensorboard"), size_guidance={"images": 0})
+    events.Reload()
+    for shown in (events.Scalars("rollout/success_rate"), events.Images("guide/actions"), events.Images("guide/episode")):
+        assert [part.step for part in shown] == [0, 1, 2, 4, 6]  # updates
 
     evaluate(tmp_path / "guided", "GoToObj", 6, tmp_path / "evaluation.json", threads=1)
     found = json.loads((tmp_path / "evaluation.json").read_text())
