@@ -91,7 +91,11 @@ def message_of(step: str, dictionary: Dictionary) -> int:
         return dictionary.message_for(ACTIONS.index(step))
     names = dictionary.shape.names()
     if " ".join(step.split()) not in names:
-        raise ValueError(f"step {step!r} is unknown: expected one of {', '.join(ACTIONS)}, or a message such as {names[1]!r}")
+        length, last = dictionary.shape.length, dictionary.shape.vocabulary_size - 1
+        raise ValueError(
+            f"step {step!r} is unknown: expected one of {', '.join(ACTIONS)}, or a message of {length} words from w0 to "
+            f"w{last}, such as {names[1]!r}"
+        )
     return names.index(" ".join(step.split()))
 
 

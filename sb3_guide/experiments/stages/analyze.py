@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sb3_guide.cloning import load_demonstrations, mission_seeds
+from sb3_guide.cloning import Demonstrations, load_demonstrations, mission_seeds
 from sb3_guide.envs import ACTIONS
 from sb3_guide.experiments.stages.levels import level_of_agent
 from sb3_guide.experiments.stages.runs import record, use_threads
@@ -35,6 +35,8 @@ def analyze(
     use_threads(threads)
     started = time.monotonic()
     policy, seeds = load_agent(agent), mission_seeds("analysis", n_episodes)
+    demonstrations = None if demos is None else demonstrations_of(demos, level)
+    before = None if guide is None else read(load_agent(guide), level_of_agent(guide, level), seeds)
     reading = read(policy, level, seeds)
     found: dict[str, Any] = {
         "agent": type(policy).__name__,
@@ -48,13 +50,10 @@ def analyze(
         **structure(reading),
         "episode": step_by_step(reading, worth_watching(reading)),
     }
-    if demos is not None:
-        demonstrations = load_demonstrations(demos)
-        if demonstrations.level != level:
-            raise ValueError(f"{demos} holds demonstrations of {demonstrations.level}: expected {level}, the agent's level")
+    if demonstrations is not None:
         found["along_demonstrations"] = communication(read_along(policy, demonstrations.episodes))
-    if guide is not None:
-        found |= change(read(load_agent(guide), level_of_agent(guide, level), seeds), reading)
+    if before is not None:
+        found |= change(before, reading)
     out.mkdir(parents=True, exist_ok=True)
     draw(found, out)
     write_animation(out / "episode.gif", *replay(reading, level, worth_watching(reading)))
@@ -66,6 +65,18 @@ def analyze(
         "threads": threads,
     }
     write_json(out / "analysis.json", {**record("analyze", settings, time.monotonic() - started), **found})
+
+
+def demonstrations_of(path: Path, level: str) -> Demonstrations:
+    """
+    :param path: of their file
+    :param level: name of the level
+    :raises ValueError: if they are damaged, or of another level
+    """
+    found = load_demonstrations(path)
+    if found.level != level:
+        raise ValueError(f"{path} holds demonstrations of {found.level}: expected {level}, as the agent plays it")
+    return found
 
 
 def step_by_step(reading: Reading, episode: int) -> dict[str, Any]:

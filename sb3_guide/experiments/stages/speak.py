@@ -53,9 +53,10 @@ def speak_to(
     print(in_words(dictionary))
     found: dict[str, Any] = {"dictionary": entries(dictionary)}
     script = ", ".join(say) if say else None if choreography is None else text_of(choreography, dictionary)
+    told = [] if script is None else steps_of(script, dictionary)
     out.mkdir(parents=True, exist_ok=True)
-    if script is not None:
-        found["walk"] = walk(policy, level, steps_of(script, dictionary), dictionary, seed, out / "walk.png")
+    if told:
+        found["walk"] = walk(policy, level, told, dictionary, seed, out / "walk.png")
     if measure:
         found["obedience"] = measured(policy, level, dictionary, seed)
     settings = {"level": level, "folder": str(agent), "seed": seed, "threads": threads}
