@@ -132,12 +132,12 @@ def influences(reading: Reading) -> dict[str, th.Tensor]:
     }
 
 
-def structure(reading: Reading) -> dict[str, dict[str, float]]:
+def structure(reading: Reading) -> dict[str, dict[str, float | None]]:
     """
     How the language is built, on one frame of each episode, drawn at random.
 
     :return: "topographic_similarity" and "positional_disentanglement" with respect to where the target is and what it is; each
-        with its interval, its mean when messages are shuffled, and the p-value of that
+        with its interval, its mean when messages are shuffled, and the p-value of that; None where all messages are the same
     """
     rng, episodes = np.random.default_rng(0), reading.episodes
     frames = episodes.offsets[:-1] + rng.integers(episodes.lengths)
@@ -155,13 +155,9 @@ def structure(reading: Reading) -> dict[str, dict[str, float]]:
     for name, statistic in (("topographic_similarity", similarity), ("positional_disentanglement", disentanglement)):
         low, high = interval(partial(statistic, as_said), len(frames), rng)
         shuffled = by_chance(statistic, np.zeros(len(frames), dtype=np.int64), rng)
-        found[name] = {
-            "value": statistic(as_said),
-            "low": float(low),
-            "high": float(high),
-            "by_chance": float(shuffled.mean()),
-            "p_value": p_value(statistic(as_said), shuffled),
-        }
+        value = statistic(as_said)
+        numbers = np.array([value, low, high, shuffled.mean(), p_value(value, shuffled)])
+        found[name] = dict(zip(("value", "low", "high", "by_chance", "p_value"), without_nan(numbers), strict=True))
     return found
 
 

@@ -79,6 +79,8 @@ def grid_of_panels(count: int, across: int, size: tuple[float, float]) -> tuple[
     panels = list(figure.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel())
     for panel in panels[count:]:
         panel.set_visible(False)
+    for panel in panels[:count][-across:]:
+        panel.tick_params(labelbottom=True)  # nothing is beneath them that could have their labels
     return figure, panels[:count]
 
 

@@ -94,6 +94,6 @@ def p_value(observed: float, chance: np.ndarray) -> float:
     """
     :param observed: value of a statistic that is the greater, the more there is to be found
     :param chance: as :func:`by_chance` returns it
-    :return: of a one-sided permutation test; never 0, as what was observed is one of the permutations
+    :return: of a one-sided permutation test; never 0, as what was observed is one of the permutations; NaN if that is NaN
     """
-    return float((1 + (chance >= observed).sum()) / (1 + len(chance)))
+    return float("nan") if np.isnan(observed) else float((1 + (chance >= observed).sum()) / (1 + len(chance)))

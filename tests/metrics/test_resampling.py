@@ -74,3 +74,4 @@ def test_chance_shuffles_within_strata_only():
 def test_p_values_by_hand():
     assert p_value(3.0, np.array([1.0, 2.0, 3.0, 4.0])) == pytest.approx(3 / 5)
     assert p_value(9.0, np.zeros(99)) == pytest.approx(1 / 100)
+    assert np.isnan(p_value(np.nan, np.zeros(99)))

@@ -166,6 +166,14 @@ def measured(policy: AgentPolicy, level: str, dictionary: Dictionary, seed: int)
     meant, taken = obey(policy, level, dictionary, mission_seeds("analysis", WORLDS), np.random.default_rng(seed))
     raw, corrected = obedience(meant, taken)
     by_action = {ACTIONS[action]: float((taken[meant == action] == action).mean()) for action in np.unique(meant)}
-    print(f"obeyed {raw:.1%} of {len(meant)} messages, {corrected:.1%} beyond chance")
+    beyond = (
+        "as it only ever took one action, chance would do as well" if np.isnan(corrected) else f"{corrected:.1%} beyond chance"
+    )
+    print(f"obeyed {raw:.1%} of {len(meant)} messages; {beyond}")
     print("\n".join(f"  {action:8} {rate:.1%}" for action, rate in by_action.items()))
-    return {"messages": len(meant), "raw": raw, "corrected": corrected, "by_action": by_action}
+    return {
+        "messages": len(meant),
+        "raw": raw,
+        "corrected": None if np.isnan(corrected) else corrected,
+        "by_action": by_action,
+    }

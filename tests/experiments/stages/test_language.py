@@ -12,6 +12,7 @@ from sb3_guide.cloning import Demonstrations, mission_seeds, play, save_demonstr
 from sb3_guide.cloning.demonstrations import FORMAT
 from sb3_guide.envs import ACTIONS
 from sb3_guide.experiments import cli
+from sb3_guide.experiments.stages import speak
 from sb3_guide.experiments.stages.ablate import ablate_agent
 from sb3_guide.experiments.stages.levels import level_of_agent
 from sb3_guide.experiments.stages.speak import speak_to, text_of
@@ -57,6 +58,14 @@ def test_obedience_is_the_same_each_time(tmp_path):
     assert found[0] == found[1]
     assert found[0]["messages"] == 500
     assert found[0]["raw"] > 0.9
+
+
+def test_an_agent_that_takes_one_action_only_is_not_corrected_for_chance(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(speak, "obey", lambda *_: (np.array([2, 2, 2]), np.array([2, 2, 2])))
+    speak_to(say=[], choreography=None, measure=True, out=tmp_path, **GUIDED)
+    found = json.loads((tmp_path / "speech.json").read_text())["obedience"]
+    assert (found["raw"], found["corrected"]) == (1, None)
+    assert "obeyed 100.0% of 3 messages; as it only ever took one action" in capsys.readouterr().out
 
 
 def test_unknown_choreographies_and_words(tmp_path):
