@@ -161,15 +161,13 @@ def merge(path: Path, rows: list[dict[str, Any]]) -> pd.DataFrame:
     return table
 
 
-def spread(values: pd.Series) -> str:
-    """:return: mean over agents, lowest and highest, in per cent"""
-    known = 100 * values.dropna()
-    return "-" if known.empty else f"{known.mean():.1f} ({known.min():.1f} to {known.max():.1f})"
-
-
-def of_agents(rows: pd.DataFrame, known: pd.Series) -> str:
-    """:return: of how many agents a number is known, where that is not all"""
-    return "" if known.notna().sum() in (0, len(rows)) else f", {known.notna().sum()} agents"
+def spread(values: pd.Series, form: str = ".1f") -> str:
+    """:return: mean over agents, and of two or more the lowest and the highest; of how many, where it is not known of all"""
+    known = values.dropna()
+    if known.empty:
+        return "-"
+    ends = f" ({known.min():{form}} to {known.max():{form}})" if len(known) > 1 else ""
+    return f"{known.mean():{form}}{ends}" + (f", {len(known)} of {len(values)}" if len(known) < len(values) else "")
 
 
 def obedience_table(spoken: pd.DataFrame) -> Iterator[str]:
@@ -178,8 +176,8 @@ def obedience_table(spoken: pd.DataFrame) -> Iterator[str]:
         "## Obedience of guided Learners",
         "",
         f"{10 * WORLDS} random messages that mean something, each equally probable, greedy actions, in per cent; beyond",
-        "chance: corrected for the commonest action, which can't be done for agents that only ever take one. Mean over",
-        "seeds, lowest and highest.",
+        "chance: corrected for the commonest action, which can't be done for agents that only ever took one, so it is told",
+        "of how many it could. Mean over seeds, lowest and highest.",
         "",
         "| level | agent of | seeds | obeyed | beyond chance | paper | by action (agents with a word for it) |",
         "|---|---|---|---|---|---|---|",
@@ -192,8 +190,8 @@ def obedience_table(spoken: pd.DataFrame) -> Iterator[str]:
                 continue
             by_action = rows[rows["action"] != "all"].groupby("action")["obeyed"]
             words = ", ".join(f"{action} {values.mean():.0%} ({len(values)})" for action, values in by_action)
-            beyond = spread(whole["beyond_chance"]) + of_agents(whole, whole["beyond_chance"])
-            cells = (level, when, str(len(whole)), spread(whole["obeyed"]), beyond, PAPER.get(level, "-"), words)
+            rates = [spread(100 * whole[name]) for name in ("obeyed", "beyond_chance")]
+            cells = (level, when, str(len(whole)), *rates, PAPER.get(level, "-"), words)
             yield f"| {' | '.join(cells)} |"
 
 
@@ -203,7 +201,7 @@ def ablation_table(cut: pd.DataFrame) -> Iterator[str]:
     yield from ("", "## Success with each intervention", "", "In per cent: mean over seeds, lowest and highest.", "")
     yield from (f"| level | agent | seeds | {' | '.join(interventions)} |", "|---" * (3 + len(interventions)) + "|")
     for (level, agent), rows in groups(cut):
-        rates = [spread(rows[rows["intervention"] == name]["success_rate"]) for name in interventions]
+        rates = [spread(100 * rows[rows["intervention"] == name]["success_rate"]) for name in interventions]
         yield f"| {' | '.join([level, agent, str(rows['seed'].nunique()), *rates])} |"
     changed = cut[cut["intervention"] != "spoken"]
     lower = changed[(changed["p_value"] < 0.05 / len(changed)) & (changed["difference"] < 0)]
@@ -231,9 +229,9 @@ def structure_table(built: pd.DataFrame) -> Iterator[str]:
     )
     for (level, agent), rows in groups(built):
         for name, values in rows.groupby("measure", sort=False):
-            found, above = values["value"], int((values["p_value"] < 0.05).sum())
-            value = f"{found.mean():.3f} ({found.min():.3f} to {found.max():.3f})"
-            cells = (level, agent, str(len(values)), str(name).replace("_", " "), value, f"{values['by_chance'].mean():.3f}")
+            above, title = int((values["p_value"] < 0.05).sum()), str(name).replace("_", " ")
+            numbers = spread(values["value"], ".3f"), f"{values['by_chance'].mean().round(3) + 0.0:.3f}"
+            cells = (level, agent, str(len(values)), title, *numbers)
             yield f"| {' | '.join(cells)} | {above} of {len(values)} |"
 
 
@@ -253,7 +251,7 @@ def agreement_table(shared: pd.DataFrame) -> Iterator[str]:
     )
     for (level, agent), rows in groups(shared):
         above = int((rows["p_value_within_action"] < 0.05).sum())
-        cells = [spread(rows[name]) for name in ("agreement", "by_chance", "within_action")]
+        cells = [spread(100 * rows[name]) for name in ("agreement", "by_chance", "within_action")]
         yield f"| {' | '.join([level, agent, str(len(rows)), *cells])} | {above} of {len(rows)} |"
 
 
@@ -266,7 +264,8 @@ def influence_table(curves: pd.DataFrame) -> Iterator[str]:
         "In nats, along demonstrations. CIC is bounded by the entropy of the messages, so it tells whether a Guide is",
         "listened to less and less only where that entropy stays the same: with a frozen Guide, by construction; with one",
         "that is trained along, at the one temperature of each epoch that makes its messages half as uncertain as can be.",
-        "Means over seeds; the trend is the slope from the first epoch on, with its 95 % interval over seeds (Student's t).",
+        "Means over seeds; the trend is the slope from the first epoch on, with the lowest and the highest of the seeds, and",
+        "p, of three seeds or more, that of no trend (Student's t over seeds).",
         "",
         "![Influence by epoch, a line a seed](influence.png)",
         "",
@@ -277,13 +276,10 @@ def influence_table(curves: pd.DataFrame) -> Iterator[str]:
         for name, title in INFLUENCE.items():
             by_seed = [part for _, part in rows[rows["epoch"] >= 1].groupby("seed")]
             ends = [np.mean([part[name].iloc[at] for part in by_seed]) for at in (0, -1)]
-            slopes = np.array([np.polyfit(part["epoch"], part[name], 1)[0] for part in by_seed])
-            trend, p = f"{slopes.mean():+.5f}", "-"
-            if len(slopes) > 1 and np.ptp(slopes) > 0:
-                test = ttest_1samp(slopes, 0)
-                low, high = test.confidence_interval()
-                trend, p = f"{trend} ({low:+.5f} to {high:+.5f})", f"{test.pvalue:.2g}"
-            cells = (level, agent, str(len(by_seed)), title, f"{ends[0]:.4f}", f"{ends[1]:.4f}", trend, p)
+            slopes = pd.Series([np.polyfit(part["epoch"], part[name], 1)[0] for part in by_seed]).round(6) + 0.0
+            p = f"{ttest_1samp(slopes, 0).pvalue:.2g}" if len(slopes) > 2 and slopes.any() else "-"
+            numbers = f"{ends[0]:.4f}", f"{ends[1]:.4f}", spread(slopes, "+.4f"), p
+            cells = (level, agent, str(len(by_seed)), title, *numbers)
             yield f"| {' | '.join(cells)} |"
 
 
@@ -305,11 +301,12 @@ def draw(curves: pd.DataFrame) -> Figure:
         for panel, (name, title) in zip(panels[:, column], INFLUENCE.items(), strict=True):
             for _, part in rows.groupby("seed"):
                 panel.plot(part["epoch"], part[name], color="#0072b2", linewidth=1, alpha=0.7)
-            panel.set_ylim(bottom=0)
             panel.spines[["top", "right"]].set_visible(False)
             panel.tick_params(labelsize=8)
             if column == 0:
                 panel.set_ylabel(title, fontsize=8)
+    for panel in panels[:, 0]:
+        panel.set_ylim(bottom=0)
     return figure
 
 
