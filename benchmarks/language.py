@@ -62,7 +62,7 @@ def measure(runs: Path, level: str) -> Rows:
             found["influence"] += influence_rows(folder.parent, key)
         if agent in along:
             policy = load_agent(folder.parent)
-            along[agent][seed] = read_along(policy, episodes)
+            along[agent][seed] = read_along(policy, level, episodes)
             reading = read(policy, level, mission_seeds("validation", EPISODES))
             found["ablations"] += ablation_rows(policy, reading, key)
             found["structure"] += structure_rows(policy, key)

@@ -7,7 +7,6 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 
 from sb3_guide.cloning import mission_seeds
-from sb3_guide.envs import ACTIONS
 from sb3_guide.language import Reading, learn, read
 from sb3_guide.policies import AgentPolicy
 
@@ -15,12 +14,13 @@ from sb3_guide.policies import AgentPolicy
 class LanguagePictures:
     """
     Let an agent play validation missions, and show in TensorBoard how often each message is sent (``guide/messages``), which
-    actions follow it (``guide/actions``, the paper's figure A.1) and an episode (``guide/episode``). Called without arguments,
+    actions follow it (``guide/actions``, the paper's figure A.1) and, where the environment draws itself, an episode as a clip
+    (``guide/episode``). Called without arguments,
     as by ``BC.train(on_epoch_end=...)``, it counts the epochs. Needs matplotlib, pillow and tensorboard, which the extra
     ``experiments`` brings.
 
     :param policy: with a channel
-    :param level: name or id of the level to play
+    :param level: name or id of the level to play, or id of another environment
     :param logger: SB3's or imitation's; where it does not write for TensorBoard, nothing is played
     :param n_episodes: missions to play
     :raises ValueError: if the policy has no channel, or no mission is to be played
@@ -66,15 +66,16 @@ def show(board: TensorBoardOutputFormat, reading: Reading, level: str, step: int
     from sb3_guide.language.animation import animation, replay, worth_watching
     from sb3_guide.language.pictures import conditional_bars
 
-    figure = conditional_bars(reading.shape.names(), list(ACTIONS), learn(reading).counts)
+    figure = conditional_bars(reading.shape.names(), list(reading.actions), learn(reading).counts)
     board.writer.add_histogram("guide/messages", reading.messages, step, bins=np.arange(reading.shape.count + 1))  # type: ignore[arg-type]
     board.writer.add_figure("guide/actions", figure, step, close=False)
     # A GIF, which TensorBoard plays: torch's add_video would need moviepy, and the releases before 2.0 of that
-    clip = animation(*replay(reading, level, worth_watching(reading)))
-    width, height = Image.open(io.BytesIO(clip)).size
-    image = Summary.Image(height=height, width=width, colorspace=3, encoded_image_string=clip)
-    summary = Summary(value=[Summary.Value(tag="guide/episode", image=image)])
-    board.writer.file_writer.add_summary(summary, step)  # type: ignore[attr-defined]  # torch types it as None
+    if (shown := replay(reading, level, worth_watching(reading))) is not None:
+        clip = animation(*shown)
+        width, height = Image.open(io.BytesIO(clip)).size
+        image = Summary.Image(height=height, width=width, colorspace=3, encoded_image_string=clip)
+        summary = Summary(value=[Summary.Value(tag="guide/episode", image=image)])
+        board.writer.file_writer.add_summary(summary, step)  # type: ignore[attr-defined]  # torch types it as None
     board.writer.flush()
 
 
@@ -83,7 +84,7 @@ class LanguageCallback(BaseCallback):
     Show :class:`LanguagePictures` now and then. Works with PPO, A2C and RecurrentPPO and our policies with a channel, and
     changes nothing in their training.
 
-    :param level: name or id of the level to play
+    :param level: name or id of the level to play, or id of another environment
     :param n_episodes: missions to play
     :param every_n_rollouts: after one rollout in so many
     :param verbose: as in SB3

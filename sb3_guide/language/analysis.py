@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import torch as th
 
-from sb3_guide.envs import ACTIONS
 from sb3_guide.language.reading import Reading
 from sb3_guide.language.situations import SITUATIONS, meanings, situations, targets
 from sb3_guide.metrics import (
@@ -34,33 +33,37 @@ from sb3_guide.metrics import (
 
 
 def tables(reading: Reading) -> dict[str, Any]:
-    """:return: what goes together with what: counts, and intervals (2, R, C) of the conditional probabilities"""
+    """:return: which actions follow which messages: counts, and intervals (2, M, A) of the conditional probabilities"""
+    actions = actions_by_episode(reading)
+    return {
+        "counts": actions.sum(axis=0).tolist(),
+        "action_intervals": conditional_intervals(actions),
+        "action_information": informations(actions, reading.shape.length),
+    }
+
+
+def in_situations(reading: Reading) -> dict[str, Any]:
+    """:return: which messages are spoken where: counts and intervals as in :func:`tables`, with the target in each cell too"""
     n_messages, found = reading.shape.count, targets(reading.episodes)
     situation = situations(found)
     inside = np.flatnonzero(situation >= 0)
     frame, across, down = found.nonzero()
     cells = by_episode(reading, frame, across * found.shape[2] + down, reading.messages[frame], found[0].size, n_messages)
-    actions = actions_by_episode(reading)
     spoken = by_episode(reading, inside, situation[inside], reading.messages[inside], len(SITUATIONS), n_messages)
-    length = reading.shape.length
     return {
-        "counts": actions.sum(axis=0).tolist(),
-        "action_intervals": conditional_intervals(actions),
+        "situations": list(SITUATIONS),
         "situation_counts": spoken.sum(axis=0).tolist(),
         "situation_intervals": conditional_intervals(spoken),
+        "situation_information": informations(spoken.transpose(0, 2, 1), reading.shape.length),
         "cell_counts": cells.sum(axis=0).reshape(*found.shape[1:], n_messages).tolist(),
         "cell_intervals": conditional_intervals(cells),
-        "symbol_information": {
-            "action": informations(actions, length),
-            "situation": informations(spoken.transpose(0, 2, 1), length),
-        },
     }
 
 
 def actions_by_episode(reading: Reading) -> np.ndarray:
     """:return: (E, M, A) int64, how often each action followed each message in each episode"""
     every = np.arange(len(reading.messages))
-    return by_episode(reading, every, reading.messages, reading.episodes.actions, reading.shape.count, len(ACTIONS))
+    return by_episode(reading, every, reading.messages, reading.episodes.actions, reading.shape.count, len(reading.actions))
 
 
 def by_episode(

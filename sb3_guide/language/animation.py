@@ -4,13 +4,14 @@ import io
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import gymnasium
 import numpy as np
 from matplotlib import font_manager
 from PIL import Image, ImageDraw, ImageFont, ImageOps
 
-from sb3_guide.envs import ACTIONS, GuideGridEnv
+from sb3_guide.envs import GuideGridEnv, is_level
 from sb3_guide.files import atomically
 from sb3_guide.language.reading import Reading
 
@@ -43,23 +44,38 @@ def worth_watching(reading: Reading) -> int:
     return int(np.argmax(lengths.clip(max=SHOWN_LENGTH)))
 
 
-def replay(reading: Reading, level: str, episode: int) -> tuple[list[np.ndarray], list[Caption]]:
+def replay(reading: Reading, level: str, episode: int) -> tuple[list[Any], list[Caption]] | None:
     """
-    :param reading: of episodes that were played on the level
-    :param level: name or id of the level
+    :param reading: of episodes that were played there
+    :param level: name or id of the level, or id of another environment
     :param episode: index of the one to show
-    :return: pictures of the grid before each action and after the last one, and what to write beneath them
+    :return: pictures before each action and after the last one, and what to write beneath them; None if the environment does
+        not draw itself
     """
-    episodes, names = reading.episodes, reading.shape.names()
+    episodes, names, env = reading.episodes, reading.shape.names(), drawn(level)
+    if env is None:
+        return None
     first, last = episodes.offsets[episode : episode + 2]
-    env = GuideGridEnv(level, render_mode="rgb_array")
     env.reset(seed=int(episodes.seeds[episode]))
-    frames, captions = [], []
+    mission = getattr(env.unwrapped, "mission", "")
+    frames: list[Any] = []
+    captions = []
     for message, action in zip(reading.messages[first:last], episodes.actions[first:last], strict=True):
         frames.append(env.render())
-        captions.append(Caption(env.mission, names[message], ACTIONS[action]))
+        captions.append(Caption(mission, names[message], reading.actions[action]))
         env.step(action)
-    return [*frames, env.render()], [*captions, Caption(env.mission, "", "")]
+    frames.append(env.render())
+    captions.append(Caption(mission, "", ""))
+    env.close()
+    return frames, captions
+
+
+def drawn(level: str) -> gymnasium.Env | None:
+    """:return: an environment that draws itself, None if it can't"""
+    if is_level(level):
+        return GuideGridEnv(level, render_mode="rgb_array")
+    modes = gymnasium.make(level).metadata.get("render_modes") or ()
+    return gymnasium.make(level, render_mode="rgb_array") if "rgb_array" in modes else None
 
 
 def write_animation(path: Path, frames: Sequence[np.ndarray], captions: Sequence[Caption], milliseconds: int = 500) -> None:

@@ -49,7 +49,7 @@ def test_a_dictionary_is_kept(tmp_path):
     words = dictionary(m0={LEFT: 50, RIGHT: 2}, m3={FORWARD: 60})
     save_dictionary(words, tmp_path / "dictionary.json")
     again = read_dictionary(tmp_path / "dictionary.json")
-    assert again.shape == words.shape
+    assert (again.shape, again.actions) == (words.shape, words.actions)
     assert np.array_equal(again.counts, words.counts)
 
 
@@ -59,8 +59,8 @@ def test_a_dictionary_is_kept(tmp_path):
         "{",
         "[]",
         '{"shape": {"length": 2}}',
-        '{"shape": {"length": 1, "vocabulary_size": 2}, "followed": {"w0": {"jump": 1}}}',
-        '{"shape": {"length": 1, "vocabulary_size": 2}, "followed": {"w2": {"left": 1}}}',
+        '{"shape": {"length": 1, "vocabulary_size": 2}, "actions": ["left"], "followed": {"w0": {"jump": 1}}}',
+        '{"shape": {"length": 1, "vocabulary_size": 2}, "actions": ["left"], "followed": {"w2": {"left": 1}}}',
     ],
 )
 def test_a_damaged_dictionary_is_refused(text, tmp_path):

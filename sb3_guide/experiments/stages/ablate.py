@@ -15,7 +15,7 @@ from sb3_guide.policies import load_agent
 def ablate_agent(agent: Path, level: str | None, n_episodes: int, out: Path, threads: int) -> None:
     """
     :param agent: folder of an agent with a channel
-    :param level: name of the level; None takes the one that the agent was trained on
+    :param level: see :func:`~sb3_guide.experiments.stages.levels.level_of_agent`
     :param n_episodes: missions to play with each intervention, from the analysis split; how often the agent says what is
         learned on as many of the validation split
     :param out: JSON file to write

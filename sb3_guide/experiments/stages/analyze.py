@@ -5,14 +5,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from sb3_guide.cloning import Demonstrations, load_demonstrations, mission_seeds
-from sb3_guide.envs import ACTIONS
+from sb3_guide.envs import is_level
 from sb3_guide.experiments.stages.levels import level_of_agent
 from sb3_guide.experiments.stages.runs import record, use_threads
 from sb3_guide.files import write_json
-from sb3_guide.language import SITUATIONS, Reading, read, read_along
-from sb3_guide.language.analysis import change, communication, influences, structure, tables
+from sb3_guide.language import Reading, read, read_along
+from sb3_guide.language.analysis import change, communication, in_situations, influences, structure, tables
 from sb3_guide.language.animation import replay, worth_watching, write_animation
 from sb3_guide.language.pictures import change_bars, conditional_bars, save_figure, view_maps
 from sb3_guide.policies import load_agent
@@ -23,7 +24,7 @@ def analyze(
 ) -> None:
     """
     :param agent: folder of an agent with a channel
-    :param level: name of the level; None takes the one that the agent was trained on
+    :param level: see :func:`~sb3_guide.experiments.stages.levels.level_of_agent`
     :param demos: file of demonstrations that no agent was trained on, along which CIC is measured as well, as in the paper
     :param guide: folder of the Guide that the agent has learned from, to tell what became of its words
     :param out: folder for analysis.json, its figures and episode.gif
@@ -41,22 +42,22 @@ def analyze(
     found: dict[str, Any] = {
         "agent": type(policy).__name__,
         "messages": reading.shape.names(),
-        "actions": list(ACTIONS),
-        "situations": list(SITUATIONS),
+        "actions": list(reading.actions),
         "episodes": len(reading.episodes),
         "frames": len(reading.messages),
         **tables(reading),
+        **({**in_situations(reading), **structure(reading)} if is_level(level) else {}),
         "in_play": communication(reading),
-        **structure(reading),
         "episode": step_by_step(reading, worth_watching(reading)),
     }
     if demonstrations is not None:
-        found["along_demonstrations"] = communication(read_along(policy, demonstrations.episodes))
+        found["along_demonstrations"] = communication(read_along(policy, level, demonstrations.episodes))
     if before is not None:
         found |= change(before, reading)
     out.mkdir(parents=True, exist_ok=True)
     draw(found, out)
-    write_animation(out / "episode.gif", *replay(reading, level, worth_watching(reading)))
+    if (shown := replay(reading, level, worth_watching(reading))) is not None:
+        write_animation(out / "episode.gif", *shown)
     settings = {
         "level": level,
         "folder": str(agent),
@@ -86,7 +87,7 @@ def step_by_step(reading: Reading, episode: int) -> dict[str, Any]:
     return {
         "mission_seed": int(reading.episodes.seeds[episode]),
         "messages": [names[message] for message in reading.messages[first:last]],
-        "actions": [ACTIONS[action] for action in reading.episodes.actions[first:last]],
+        "actions": [reading.actions[action] for action in reading.episodes.actions[first:last]],
         **{name: moved[name][first:last].tolist() for name in ("influence", "influence_among_all")},
     }
 
@@ -96,25 +97,18 @@ def draw(found: dict[str, Any], out: Path) -> None:
     :param found: content of analysis.json
     :param out: folder of the figures
     """
-    for file, rows, columns, counts, bounds in (
-        ("actions.png", found["messages"], found["actions"], found["counts"], found["action_intervals"]),
-        (
-            "situations.png",
-            [f"target {name}" for name in SITUATIONS],
-            found["messages"],
-            found["situation_counts"],
-            found["situation_intervals"],
-        ),
-    ):
-        figure = conditional_bars(rows, columns, np.array(counts), np.array(bounds, dtype=np.float64))
-        save_figure(figure, out / file)
-    save_figure(view_maps(found["messages"], np.array(found["cell_counts"])), out / "cells.png")
+
+    def bars(rows: list[str], columns: list[str], counts: list[Any], bounds: list[Any]) -> Figure:
+        return conditional_bars(rows, columns, np.array(counts), np.array(bounds, dtype=np.float64))
+
+    messages = found["messages"]
+    save_figure(bars(messages, found["actions"], found["counts"], found["action_intervals"]), out / "actions.png")
+    if "situations" in found:
+        rows = [f"target {name}" for name in found["situations"]]
+        figure = bars(rows, messages, found["situation_counts"], found["situation_intervals"])
+        save_figure(figure, out / "situations.png")
+        save_figure(view_maps(messages, np.array(found["cell_counts"])), out / "cells.png")
     if "change" in found:
-        figure = change_bars(
-            found["messages"],
-            found["actions"],
-            np.array(found["counts_before"]),
-            np.array(found["counts"]),
-            np.array(found["change_intervals"], dtype=np.float64),
-        )
-        save_figure(figure, out / "change.png")
+        before, after = np.array(found["counts_before"]), np.array(found["counts"])
+        bounds = np.array(found["change_intervals"], dtype=np.float64)
+        save_figure(change_bars(messages, found["actions"], before, after, bounds), out / "change.png")

@@ -6,7 +6,6 @@ from typing import Any
 
 import torch as th
 import yaml
-from gymnasium import spaces
 from imitation.util.logger import HierarchicalLogger
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from stable_baselines3.common.utils import get_schedule_fn, set_random_seed, update_learning_rate
@@ -17,7 +16,7 @@ from sb3_guide.callbacks.checkpoint import load_state, save_state
 from sb3_guide.cloning import Demonstrations, Validation, load_demonstrations, mission_seeds
 from sb3_guide.cloning.bc import EpisodeLoss, episode_bc
 from sb3_guide.cloning.demonstrations import pool
-from sb3_guide.envs import ACTIONS, observation_space
+from sb3_guide.envs import spaces_of
 from sb3_guide.experiments.stages.configs import algorithm_arguments, load_config
 from sb3_guide.experiments.stages.evaluate import evaluate
 from sb3_guide.experiments.stages.levels import join_levels, split_levels
@@ -59,7 +58,7 @@ def clone(
     Clone an agent, validate it while it learns, and measure the finished one on fresh missions (evaluation.json).
 
     :param agent: "learner", "guide" or "guided"
-    :param level: name of the level, or several joined by "+", whose demonstrations are pooled
+    :param level: see :func:`~sb3_guide.experiments.stages.levels.split_levels`; demonstrations of several are pooled
     :param demos: for each level a folder with train.safetensors and validation.safetensors
     :param out: folder of the agent
     :param seed: of weights, order and messages
@@ -99,7 +98,7 @@ def clone(
         use_threads(threads)
         set_random_seed(seed)
         train, validation = (demonstrations_of(names, demos, split) for split in ("train", "validation"))
-        policy = build(agent, config, policy_kwargs, init)
+        policy = build(agent, names[0], config, policy_kwargs, init)
         train = [part.first(config["train_episodes"]) for part in train]
         cloning = Cloning(policy, train, validation, out, seed, config, run)
         if tensorboard:
@@ -109,17 +108,19 @@ def clone(
         evaluate(out, join_levels(names), config["analysis_episodes"], out / "evaluation.json", threads)
 
 
-def build(agent: str, config: dict[str, Any], policy_kwargs: dict[str, Any], init: Path | None) -> AgentPolicy:
+def build(agent: str, level: str, config: dict[str, Any], policy_kwargs: dict[str, Any], init: Path | None) -> AgentPolicy:
     """
     :param agent: a key of AGENTS
+    :param level: whose observations and actions it is for
     :param config: the level's entry of bc.yml
     :param policy_kwargs: what the policy is to know of a Guide
     :param init: folder of the agent to start from
     :return: the policy, not yet trained
     """
+    observation_space, action_space = spaces_of(level)
     policy = AGENTS[agent](
-        observation_space(history=0),
-        spaces.Discrete(len(ACTIONS)),
+        observation_space,
+        action_space,
         get_schedule_fn(algorithm_arguments(config)["learning_rate"]),
         **policy_kwargs,
         **config.get("policy_kwargs", {}),
