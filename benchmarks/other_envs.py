@@ -105,7 +105,7 @@ def stages(level: str, out: Path) -> None:
             clone(agent, level, [demos], out / f"{agent}{seed}", seed, 1, resume=True, guide=guide, config_file=config)
         guided = out / f"guided{seed}"
         if not (guided / "speech" / "speech.json").exists():
-            analyze(guided, level, demos / "analysis.safetensors", guided / "analysis", 1, n_episodes=100)
+            analyze(guided, level, demos / "analysis.safetensors", None, guided / "analysis", 1, n_episodes=100)
             ablate_agent(guided, level, 100, guided / "ablation.json", 1)
             speak_to(guided, level, [], None, True, guided / "speech", seed, 1)
 
