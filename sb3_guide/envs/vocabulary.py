@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+#: the word of each token; that of 0 is padding
 WORDS = (
     "",  # padding
     *("go", "to", "pick", "up", "put", "next", "the", "a"),
@@ -11,8 +12,8 @@ WORDS = (
     *("on", "your", "left", "right", "in", "front", "of", "you", "behind"),
     *("door", "open", "and", "then", "after", ","),
 )
-VOCABULARY_SIZE = len(WORDS)
-MISSION_LENGTH = 72  # words of the longest mission of all levels
+VOCABULARY_SIZE = len(WORDS)  #: different tokens, padding included
+MISSION_LENGTH = 72  #: words of the longest mission of all levels
 
 _TOKENS = {word: token for token, word in enumerate(WORDS) if word}
 
