@@ -3,10 +3,11 @@
 from sb3_guide.callbacks.checkpoint import TrainingCheckpoint, restore_training
 from sb3_guide.callbacks.communication import CICCallback
 from sb3_guide.callbacks.language import LanguageCallback, LanguagePictures
-from sb3_guide.callbacks.success import StopTrainingOnSuccessRate, SuccessRateCallback
+from sb3_guide.callbacks.success import EpisodeSuccesses, StopTrainingOnSuccessRate, SuccessRateCallback
 
 __all__ = [
     "CICCallback",
+    "EpisodeSuccesses",
     "LanguageCallback",
     "LanguagePictures",
     "StopTrainingOnSuccessRate",

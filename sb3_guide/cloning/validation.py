@@ -65,11 +65,11 @@ class Validation:
     def follow(self, demonstrations: Demonstrations) -> dict[str, float]:
         """:return: "loss", the negative log-likelihood a frame, and measures of communication, along demonstrations"""
         network, episodes = self.policy.network, demonstrations.episodes
-        sequences = episodes.sequences()
+        sequences = episodes.sequences().to(self.policy.device)
         with th.no_grad():
             memory = network.remember(sequences)
             distribution = self.policy.action_distribution(network.latent(memory, scene_of(memory, sequences.lengths)))
-            loss = -distribution.log_prob(th.as_tensor(episodes.actions)).mean().item()
+            loss = -distribution.log_prob(th.as_tensor(episodes.actions, device=self.policy.device)).mean().item()
         communication = measure_communication(self.policy, memory) if isinstance(network, GuideNetwork) else {}
         return {"loss": loss, **communication}
 

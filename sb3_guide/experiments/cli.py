@@ -28,6 +28,7 @@ Speaker = Annotated[
 OwnLevel = Annotated[
     str | None, typer.Option(help="Name of the level; may be left out where the agent was trained on one, and is not shipped.")
 ]
+Dataset = Annotated[str, typer.Argument(metavar="DATASET", help="Id of the dataset, such as guidegrid/GoToLocal/expert-v0.")]
 
 
 class Split(str, Enum):
@@ -91,6 +92,7 @@ def record(
     episodes: Annotated[int, typer.Option(help="Successful episodes to keep.")],
     split: Annotated[Split, typer.Option(help="Missions to play.")] = Split.train,
     threads: Threads = 1,
+    minari: Annotated[str | None, typer.Option(help="Id of a dataset of Minari to make of them too.")] = None,
 ) -> None:
     """Record demonstrations of an expert: its successful episodes."""
     from sb3_guide.experiments.stages.record import record_demonstrations
@@ -98,6 +100,30 @@ def record(
 
     folder = expert_folder(level) if expert == "pretrained" else Path(expert)
     record_demonstrations(level, folder, split.value, episodes, out, threads)
+    if minari:
+        export_demonstrations(out, minari)
+
+
+@app.command("export")
+def export_demonstrations(
+    demos: Annotated[Path, typer.Argument(help="File with demonstrations (.safetensors).")], minari: Dataset
+) -> None:
+    """Make a dataset of Minari of demonstrations, among the local ones that Minari lists."""
+    from sb3_guide.cloning import load_demonstrations
+    from sb3_guide.cloning.minari import save_minari
+
+    save_minari(load_demonstrations(demos), minari)
+
+
+@app.command("import")
+def import_demonstrations(
+    minari: Dataset, out: Annotated[Path, typer.Argument(help="File for the demonstrations (.safetensors).")]
+) -> None:
+    """Make demonstrations of a local dataset of Minari: one of 'export', or of Minigrid's BabyAI levels."""
+    from sb3_guide.cloning import save_demonstrations
+    from sb3_guide.cloning.minari import load_minari
+
+    save_demonstrations(load_minari(minari), out)
 
 
 @app.command()
@@ -274,6 +300,8 @@ def main() -> None:
     """Entry point: wrong use ends with one line that says what to do, not with a traceback."""
     try:
         app()
+    except ModuleNotFoundError as error:
+        sys.exit(f"sb3-guide: {error}: expected the extras too, as by pip install 'sb3-guide[imitation,experiments,minari]'")
     except (ValueError, FileNotFoundError, RuntimeError) as error:
         sys.exit(f"sb3-guide: {error}")
 

@@ -68,12 +68,12 @@ def read_along(policy: AgentPolicy, level: str, episodes: Episodes) -> Reading:
         spoken = th.cat([policy.channel.speak(part).argmax(dim=-1) for part in parts])
         messages = th.cat([policy.channel.message_log_probs(part) for part in parts])
         actions = th.cat([policy.listen(part) for part in parts])
-    return Reading(shape, episodes, shape.index(spoken).numpy(), messages, actions, action_names(level))
+    return Reading(shape, episodes, shape.index(spoken).cpu().numpy(), messages.cpu(), actions.cpu(), action_names(level))
 
 
 def memory_of(policy: AgentPolicy, episodes: Episodes) -> th.Tensor:
     """:return: (F, state_size) what the agent remembers at every frame of the episodes"""
     with th.no_grad():
         if policy.carries_memory:
-            return policy.network.remember(episodes.sequences())
-        return policy.network.recall(episodes.windows(history_of(policy.observation_space)))
+            return policy.network.remember(episodes.sequences().to(policy.device))
+        return policy.network.recall(episodes.windows(history_of(policy.observation_space)).to(policy.device))

@@ -6,6 +6,7 @@ from sb3_guide.cloning.episodes import Episodes
 from sb3_guide.envs.engine.cells import BALL, BOX, COLOURS, DOOR, KEY, VIEW
 from sb3_guide.envs.vocabulary import WORDS
 
+#: where an object of the mission's may be, seen from the agent (paper section 5.2)
 SITUATIONS = ("ahead", "left", "right", "not visible")
 ELSEWHERE = -1  # visible, but neither straight ahead nor beside the agent: none of the paper's situations
 COLUMN, ROW = VIEW // 2, VIEW - 1  # the agent's own, in the middle below

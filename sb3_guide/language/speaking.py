@@ -17,6 +17,7 @@ from sb3_guide.policies.interventions import Chosen
 from sb3_guide.policies.sequences import history_of
 
 Message = str | Sequence[int] | np.ndarray
+#: actions of the paper's choreographies, by name
 CHOREOGRAPHIES = {"pirouette": ["right"] * 4, "waltz": ["forward", "forward", "right"] * 4}
 STEPS = 10  # messages that each world is told in a row, of those that measure obedience
 

@@ -88,7 +88,7 @@ def influence(messages: th.Tensor, message_log_probs: th.Tensor, action_log_prob
     """
     check_shapes(message_log_probs, action_log_probs)
     marginal = (message_log_probs.unsqueeze(-1) + action_log_probs).logsumexp(dim=1)  # log p(a), (N, A)
-    heard = action_log_probs[th.arange(len(messages)), messages]
+    heard = action_log_probs[th.arange(len(messages), device=messages.device), messages]
     return expectation(heard, heard - marginal).sum(dim=1)
 
 
