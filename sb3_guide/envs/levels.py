@@ -123,6 +123,10 @@ LEVELS = {
         replace(_MAZE, name="GoToObjMazeS5", distractors=1, room_size=5),
         replace(_MAZE, name="GoToObjMazeS6", distractors=1, room_size=6),
         replace(_MAZE, name="GoToObjMazeS7", distractors=1, room_size=7),
+        # not in BabyAI: GoTo in small mazes with few objects
+        replace(_MAZE, name="GoToS4R2N3", distractors=3, room_size=4, columns=2, rows=2),
+        replace(_MAZE, name="GoToS4N5", distractors=5, room_size=4),
+        replace(_MAZE, name="GoToS6N9", distractors=9, room_size=6),
     )
 }
 

@@ -13,6 +13,7 @@ from tqdm import tqdm
 
 from sb3_guide.callbacks import (
     CICCallback,
+    Curriculum,
     StopTrainingOnSuccessRate,
     SuccessRateCallback,
     TrainingCheckpoint,
@@ -29,7 +30,7 @@ from sb3_guide.policies.saving import load_weights, weights_of
 
 ALGORITHMS: dict[str, type[OnPolicyAlgorithm]] = {"ppo": PPO, "ppo_lstm": RecurrentPPO, "a2c": A2C}  # as rl-zoo names them
 CALLBACKS: dict[str, type[BaseCallback]] = {
-    f"sb3_guide.callbacks.{callback.__name__}": callback for callback in (StopTrainingOnSuccessRate, CICCallback)
+    f"sb3_guide.callbacks.{callback.__name__}": callback for callback in (StopTrainingOnSuccessRate, Curriculum, CICCallback)
 }
 
 
@@ -41,7 +42,7 @@ def train_expert(
     resume: bool,
     config_file: Path | None = None,
     init: Path | None = None,
-    algo: str = "ppo",
+    algo: str = "ppo_lstm",
     renew: bool = False,
 ) -> None:
     """
@@ -103,7 +104,9 @@ def build(algorithm: type[OnPolicyAlgorithm], level: str, seed: int, config: dic
     :param config: the level's entry in rl-zoo's format
     :return: a model in its worlds, not yet trained
     """
-    venv = VecMonitor(GuideGridVecEnv(level_of(level).env_id, config["n_envs"], **config.get("env_kwargs", {})))
+    without_window = {"history": 0} if algorithm is RecurrentPPO else {}  # the memory holds what the window would
+    env_kwargs = {**without_window, **config.get("env_kwargs", {})}
+    venv = VecMonitor(GuideGridVecEnv(level_of(level).env_id, config["n_envs"], **env_kwargs))
     return algorithm(config["policy"], venv, seed=seed, **algorithm_arguments(config))
 
 
