@@ -4,8 +4,8 @@ import torch as th
 from gymnasium import spaces
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
-from torch.nn.functional import embedding
 
+from sb3_guide.policies.products import transform, transform_looked_up
 from sb3_guide.policies.sequences import Observations, Sequences, distinct, frames
 from sb3_guide.policies.sizes import Size, size_of
 
@@ -101,15 +101,16 @@ class CompactVision(nn.Module):
         :param row: (N,) which instruction belongs to each image
         :return: (N, image)
         """
-        cells = self.modulated_cells(images, instructions, row)
-        view = self.film_view(self.normalise(self.convolution(cells.flatten(1))), instructions, row).relu()
-        return self.normalise(self.out(view))
+        table, cells = self.modulated_cells(images, instructions, row)
+        view = transform_looked_up(table, cells, self.convolution.weight, self.convolution.bias)
+        view = self.film_view(self.normalise(view), instructions, row).relu()
+        return self.normalise(transform(view, self.out.weight, self.out.bias))
 
-    def modulated_cells(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
+    def modulated_cells(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> tuple[th.Tensor, th.Tensor]:
         """
-        Few kinds of cells occur, so each is modulated once by each instruction, and looked up after that.
+        Few kinds of cells occur, so each is modulated once by each instruction, to be looked up after that.
 
-        :return: (N, 49, view)
+        :return: a table of modulated cells (R, view), and which of its rows each cell of each image is (N, 49)
         """
         cells = (images.flatten(1, 2).long() * self.place_value).sum(dim=-1)  # (N, 49)
         occurs = th.zeros(self.whole.num_embeddings, dtype=th.bool, device=cells.device)
@@ -117,7 +118,7 @@ class CompactVision(nn.Module):
         kinds = occurs.nonzero().squeeze(1)  # (U,)
         cell = self.film_cells.all_pairs(self.embed(kinds), instructions).relu_()  # (M, U, cell)
         table = self.film_mixed.all_pairs(self.mix(cell), instructions).relu_()  # (M, U, view)
-        return embedding(row.unsqueeze(1) * len(kinds) + (occurs.cumsum(0) - 1)[cells], table.flatten(0, 1))
+        return table.flatten(0, 1), row.unsqueeze(1) * len(kinds) + (occurs.cumsum(0) - 1)[cells]
 
     def embed(self, cells: th.Tensor) -> th.Tensor:
         """
