@@ -116,7 +116,6 @@ LEVELS = {
         replace(_SYNTH, name="SynthSeq"),
         replace(_MAZE, name="GoToImpUnlock", recipe=LOCKED_ROOM, distractors=2),
         replace(_LANGUAGE, name="BossLevel", locked_room_probability=0.5),
-        replace(_ROOM, name="GoToLocalS5N2", room_size=5, distractors=2),
         replace(_ROOM, name="PutNextLocalS5N3", target=PUTNEXT, unique=True, room_size=5, distractors=3),
         replace(_ROOM, name="PutNextLocalS6N4", target=PUTNEXT, unique=True, room_size=6, distractors=4),
         replace(_MAZE, name="GoToObjMazeS4R2", distractors=1, room_size=4, columns=2, rows=2),
@@ -124,12 +123,11 @@ LEVELS = {
         replace(_MAZE, name="GoToObjMazeS5", distractors=1, room_size=5),
         replace(_MAZE, name="GoToObjMazeS6", distractors=1, room_size=6),
         replace(_MAZE, name="GoToObjMazeS7", distractors=1, room_size=7),
+        replace(_ROOM, name="GoToLocalS5N2", room_size=5, distractors=2),
         # not in BabyAI: GoTo in small mazes with few objects
         replace(_MAZE, name="GoToS4R2N3", distractors=3, room_size=4, columns=2, rows=2),
         replace(_MAZE, name="GoToS6R2N4", distractors=4, room_size=6, columns=2, rows=2),
         replace(_MAZE, name="GoToS8R2N8", distractors=8, columns=2, rows=2),
-        replace(_MAZE, name="GoToS4N5", distractors=5, room_size=4),
-        replace(_MAZE, name="GoToS6N9", distractors=9, room_size=6),
     )
 }
 
