@@ -1,4 +1,4 @@
-"""Stage 1: an expert by stock SB3 PPO (paper section 3.3), or another algorithm of SB3's family."""
+"""Stage 1: an expert by an algorithm of SB3's family (paper section 3.3), as it is."""
 
 from pathlib import Path
 from typing import Any
@@ -127,10 +127,10 @@ def build_callbacks(config: dict[str, Any]) -> list[BaseCallback]:
 
 class Progress(BaseCallback):
     """
-    A progress bar that tells the success rate; unlike SB3's it can be read in a log file too.
+    A progress bar that tells the success rate and the part of a curriculum; unlike SB3's it can be read in a log file too.
 
     :param level: name of the level
-    :param n_timesteps: that the whole training takes, earlier parts included
+    :param n_timesteps: that the whole training takes at most, earlier runs of it included
     """
 
     def __init__(self, level: str, n_timesteps: int) -> None:
@@ -144,8 +144,9 @@ class Progress(BaseCallback):
         return True
 
     def _on_rollout_end(self) -> None:
-        if "rollout/success_rate" in self.logger.name_to_value:
-            self.bar.set_postfix(success=f"{self.logger.name_to_value['rollout/success_rate']:.3f}", refresh=False)
+        logged = self.logger.name_to_value
+        told = {name.split("/")[1]: logged[name] for name in ("curriculum/part", "rollout/success_rate") if name in logged}
+        self.bar.set_postfix(told, refresh=False)
 
     def _on_training_end(self) -> None:
         self.bar.update(self.num_timesteps - self.bar.n)
