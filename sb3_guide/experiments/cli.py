@@ -76,9 +76,9 @@ def expert(
     renew: Renew = False,
     config: Config = None,
     init: Annotated[Path | None, typer.Option(help="Folder of an agent whose weights to start from.")] = None,
-    algo: Annotated[Algo, typer.Option(help="SB3's PPO or A2C, or sb3-contrib's RecurrentPPO (ppo_lstm).")] = Algo.ppo,
+    algo: Annotated[Algo, typer.Option(help="SB3's PPO or A2C, or sb3-contrib's RecurrentPPO (ppo_lstm).")] = Algo.ppo_lstm,
 ) -> None:
-    """Stage 1: train an expert with PPO, or with another of SB3's algorithms."""
+    """Stage 1: train an expert, from easier levels to its own, with RecurrentPPO or another of SB3's algorithms."""
     from sb3_guide.experiments.stages.expert import train_expert
 
     train_expert(level, out, seed, threads, resume, config, init, algo.value, renew)

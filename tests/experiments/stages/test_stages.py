@@ -36,6 +36,19 @@ from tests.policies.helpers import make_policy
 
 KEY = "GuideGrid-GoToObj-v0"
 PPO = {"policy": "LearnerPolicy", "n_envs": 4, "n_timesteps": 64 * 25, "n_steps": 16, "batch_size": 32, "n_epochs": 1}
+CURRICULUM = PPO | {
+    "callback": [
+        {
+            "sb3_guide.callbacks.Curriculum": {
+                "parts": [
+                    {"level": "GoToObjMazeS4", "n_timesteps": 64 * 3},  # over before the first checkpoint
+                    {"level": "GoToLocal", "n_timesteps": 64 * 4, "learning_rate": "lin_0.001"},
+                    {"level": "GoToObj", "n_timesteps": 64 * 12, "ent_coef": 0.01},
+                ]
+            }
+        }
+    ]
+}
 BC = {
     "train_episodes": 10,
     "validation_episodes": 4,
@@ -83,7 +96,7 @@ def demos(tmp_path_factory) -> Path:
 def test_an_expert_is_written_with_all_that_it_depends_on(tmp_path):
     config = write_config(tmp_path / "ppo.yml", PPO)
     train_expert(KEY, tmp_path / "expert", seed=1, threads=1, resume=False, config_file=config)
-    assert isinstance(load_agent(tmp_path / "expert"), LearnerPolicy)
+    assert isinstance(load_agent(tmp_path / "expert"), RecurrentLearnerPolicy)
     run = json.loads((tmp_path / "expert" / "run.json").read_text())
     assert (run["stage"], run["level"], run["seed"], run["threads"], run["config"]) == ("expert", "GoToObj", 1, 1, PPO)
     assert run["versions"]["torch"] == th.__version__
@@ -102,11 +115,15 @@ def test_the_same_seed_gives_the_same_expert_on_two_threads(tmp_path):
     assert equal(tmp_path / "one", tmp_path / "same")
 
 
-@pytest.mark.parametrize("stage", ["expert", "clone"])
-def test_a_killed_stage_goes_on_as_if_nothing_had_happened(stage, demos, tmp_path):
+@pytest.mark.parametrize(
+    ("stage", "config"),
+    [(["expert"], PPO), (["expert"], CURRICULUM), (["clone", "--agent", "guide"], BC | {"n_epochs": 8})],
+    ids=["expert", "curriculum", "clone"],
+)
+def test_a_killed_stage_goes_on_as_if_nothing_had_happened(stage, config, demos, tmp_path):
     """Kill the real command once its first checkpoint is there, continue it, and compare with an undisturbed run."""
-    config = write_config(tmp_path / "config.yml", PPO if stage == "expert" else BC | {"n_epochs": 8})
-    of_stage = ["expert"] if stage == "expert" else ["clone", "--agent", "guide", "--demos", str(demos)]
+    config = write_config(tmp_path / "config.yml", config)
+    of_stage = [*stage, "--demos", str(demos)] if "clone" in stage else stage
     program = [sys.executable, "-m", "sb3_guide.experiments.cli", *of_stage, "--level", "GoToObj", "--config", str(config)]
     program += ["--threads", "1", "--seed", "5"]
     subprocess.run([*program, "--out", tmp_path / "whole"], check=True, capture_output=True)
@@ -261,7 +278,7 @@ def test_a_run_knows_when_its_guide_has_changed(demos, tmp_path, capsys):
 def test_a_guide_by_reinforcement_learning_is_analysed(demos, tmp_path):
     callbacks = ["sb3_guide.callbacks.CICCallback"]
     config = write_config(tmp_path / "ppo.yml", PPO | {"policy": "GuidePolicy", "n_timesteps": 128, "callback": callbacks})
-    train_expert("GoToObj", tmp_path / "guide", seed=0, threads=1, resume=False, config_file=config)
+    train_expert("GoToObj", tmp_path / "guide", seed=0, threads=1, resume=False, config_file=config, algo="ppo")
     assert "guide/uniform_cic" in read_table(tmp_path / "guide" / "progress.csv")[-1]
     analyze(tmp_path / "guide", None, demos / "analysis.safetensors", None, tmp_path / "analysis", threads=1)
     found = json.loads((tmp_path / "analysis" / "analysis.json").read_text())
@@ -283,7 +300,7 @@ def test_an_expert_starts_from_another_and_stops_early(tmp_path):
 def test_an_expert_that_carries_its_memory_starts_from_one_with_a_window(tmp_path):
     config = write_config(tmp_path / "ppo_lstm.yml", PPO | {"learning_rate": 0.0, "n_timesteps": 64})
     save_agent(make_policy(LearnerPolicy), tmp_path / "start", "GoToObj")
-    arguments = {"threads": 1, "resume": False, "config_file": config, "init": tmp_path / "start", "algo": "ppo_lstm"}
+    arguments = {"threads": 1, "resume": False, "config_file": config, "init": tmp_path / "start"}
     train_expert("GoToObj", tmp_path / "out", 1, **arguments)
     assert isinstance(load_agent(tmp_path / "out"), RecurrentLearnerPolicy)
     assert equal(tmp_path / "start", tmp_path / "out")
