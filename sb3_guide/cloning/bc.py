@@ -16,6 +16,7 @@ from sb3_guide.cloning.demonstrations import Demonstrations, check_space
 from sb3_guide.cloning.episodes import Episodes
 from sb3_guide.policies import AgentPolicy
 from sb3_guide.policies.memory import scene_of
+from sb3_guide.policies.products import rounded_products
 from sb3_guide.policies.sequences import Sequences
 
 
@@ -80,7 +81,8 @@ class EpisodeLoss:
         """
         valid = th.arange(acts.shape[1], device=acts.device) < obs["length"].unsqueeze(1)
         sequences = Sequences(obs["image"][valid], obs["mission"], obs["length"])
-        distribution = distribution_along(policy, sequences, valid, self.generator)
+        with rounded_products():
+            distribution = distribution_along(policy, sequences, valid, self.generator)
         log_prob, entropy = distribution.log_prob(acts[valid]), distribution.entropy()
         assert entropy is not None  # of a categorical distribution
         neglogp, mean_entropy = -log_prob.mean(), entropy.mean()

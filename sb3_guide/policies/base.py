@@ -60,6 +60,7 @@ class AgentPolicy(ActorCriticPolicy):
     :param action_space: Discrete
     :param lr_schedule: as in SB3
     :param net_arch: layers between latent and heads, as in SB3; one layer of 64 for each by default
+    :param optimizer_kwargs: as in SB3; None takes SB3's Adam with fused updates, which are several times as fast
     :param network_kwargs: sizes and message shape, as the network's constructor names them
     :param agent_kwargs: what a constructor of a subclass was called with beyond SB3's own arguments
     :param kwargs: as in SB3's ``ActorCriticPolicy``
@@ -76,6 +77,7 @@ class AgentPolicy(ActorCriticPolicy):
         lr_schedule: Schedule,
         *,
         net_arch: list[int] | dict[str, list[int]] | None = None,
+        optimizer_kwargs: dict[str, Any] | None = None,
         network_kwargs: dict[str, Any],
         agent_kwargs: dict[str, Any],
         **kwargs: Any,
@@ -83,11 +85,14 @@ class AgentPolicy(ActorCriticPolicy):
         check_spaces(observation_space, action_space)
         self.agent_kwargs = agent_kwargs
         kwargs = {**kwargs, "normalize_images": False}  # networks do it themselves, for they see images on other ways too
+        if optimizer_kwargs is None and kwargs.get("optimizer_class", th.optim.Adam) is th.optim.Adam:
+            optimizer_kwargs = {"eps": 1e-5, "fused": True}
         super().__init__(
             observation_space,
             action_space,
             lr_schedule,
             net_arch=TWO_LAYERS if net_arch is None else net_arch,
+            optimizer_kwargs=optimizer_kwargs,
             features_extractor_class=self.network_class,  # type: ignore[arg-type]  # SB3 asks no more than features_dim of it
             features_extractor_kwargs=network_kwargs,
             **kwargs,

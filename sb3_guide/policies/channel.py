@@ -7,6 +7,8 @@ import torch as th
 import torch.nn.functional as F
 from torch import nn
 
+from sb3_guide.policies.products import transform
+
 MAX_MESSAGES = 256  # enumerating more than these for the metrics would need too much memory
 
 
@@ -60,6 +62,32 @@ class MessageShape:
         return [" ".join(f"w{symbol}" for symbol in message) for message in self.all().tolist()]
 
 
+def gates_of_symbols(embedding: nn.Linear, gru: nn.GRU | nn.GRUCell) -> th.Tensor:
+    """
+    :param embedding: of symbols
+    :param gru: that reads them
+    :return: (vocabulary_size, 3 * hidden) what each symbol adds to the gates
+    """
+    weight, _, bias, _ = gru.parameters()
+    return F.linear(embedding.weight.t(), weight, bias)
+
+
+def next_hidden(from_symbol: th.Tensor, hidden: th.Tensor, gru: nn.GRU | nn.GRUCell) -> th.Tensor:
+    """
+    A step of a GRU; what symbols add to its gates is computed once for all frames.
+
+    :param from_symbol: (K or 1, 3 * hidden) what the symbol adds to the gates: reset, update, new
+    :param hidden: (K or 1, hidden) before it
+    :param gru: with one layer
+    :return: (K, hidden) after it
+    """
+    _, weight, _, bias = gru.parameters()
+    reset_in, update_in, new_in = from_symbol.chunk(3, dim=1)
+    reset, update, new = transform(hidden, weight, bias).chunk(3, dim=1)
+    new = th.addcmul(new_in, (reset_in + reset).sigmoid(), new).tanh()
+    return th.lerp(new, hidden, (update_in + update).sigmoid())
+
+
 class MessageDecoder(nn.Module):
     """
     GRU that speaks a message of fixed length, starting from the Guide's memory. Symbols are chosen by the straight-through
@@ -83,10 +111,6 @@ class MessageDecoder(nn.Module):
             nn.init.zeros_(weights)
         nn.init.constant_(self.inverse_temperature.bias, -3.0)
 
-    def start(self, memory: th.Tensor) -> th.Tensor:
-        """:return: (K, vocabulary_size) the symbol before the first one, which is w0"""
-        return F.one_hot(th.zeros(len(memory), dtype=th.long, device=memory.device), self.shape.vocabulary_size).float()
-
     def forward(self, memory: th.Tensor, generator: th.Generator | None = None) -> th.Tensor:
         """
         Speak. The result is one-hot going forward and relaxed going backward.
@@ -95,17 +119,18 @@ class MessageDecoder(nn.Module):
         :param generator: source of the Gumbel noise; None means the most probable symbols, without noise
         :return: (K, length, vocabulary_size)
         """
-        hidden, symbol, symbols = memory, self.start(memory), []
+        gates, hidden = gates_of_symbols(self.embedding, self.cell), memory
+        symbols: list[th.Tensor] = []
         for _ in range(self.shape.length):
-            hidden = self.cell(self.embedding(symbol), hidden)
+            before = symbols[-1] @ gates if symbols else gates[:1]  # w0 stands before the first
+            hidden = next_hidden(before, hidden, self.cell)
             logits = self.logits(hidden).log_softmax(dim=-1)
             if generator is not None:
                 uniform = th.rand(logits.shape, generator=generator).clamp(min=th.finfo(th.float32).tiny)
                 logits = logits - (-uniform.log()).log().to(logits.device)
             relaxed = (logits * (F.softplus(self.inverse_temperature(hidden)) + 0.2)).softmax(dim=-1)
             hard = F.one_hot(relaxed.argmax(dim=-1), self.shape.vocabulary_size).float()
-            symbol = hard + relaxed - relaxed.detach()
-            symbols.append(symbol)
+            symbols.append(hard + relaxed - relaxed.detach())
         return th.stack(symbols, dim=1)
 
     def log_probs(self, memory: th.Tensor) -> th.Tensor:
@@ -118,11 +143,10 @@ class MessageDecoder(nn.Module):
         messages = self.shape.all().to(memory.device)  # (M, length)
         count, frames = len(messages), len(memory)
         spoken = F.one_hot(messages, self.shape.vocabulary_size).float().repeat(frames, 1, 1)  # (K * M, length, V)
-        hidden, symbol = memory.repeat_interleave(count, dim=0), self.start(memory).repeat_interleave(count, dim=0)
-        total = memory.new_zeros(frames * count)
-        for position in range(self.shape.length):
-            hidden = self.cell(self.embedding(symbol), hidden)
-            symbol = spoken[:, position]
+        gates = gates_of_symbols(self.embedding, self.cell)
+        hidden, before, total = memory.repeat_interleave(count, dim=0), gates[:1], memory.new_zeros(frames * count)
+        for symbol in spoken.unbind(dim=1):
+            hidden, before = next_hidden(before, hidden, self.cell), symbol @ gates
             total = total + (self.logits(hidden).log_softmax(dim=-1) * symbol).sum(dim=-1)
         return total.view(frames, count)
 
@@ -147,7 +171,10 @@ class MessageEncoder(nn.Module):
         :param symbols: (K, length, vocabulary_size) one-hot
         :return: (K, message)
         """
-        return self.gru(self.embedding(symbols))[1].squeeze(0)
+        gates, hidden = gates_of_symbols(self.embedding, self.gru), symbols.new_zeros(1, self.gru.hidden_size)
+        for symbol in symbols.unbind(dim=1):
+            hidden = next_hidden(symbol @ gates, hidden, self.gru)
+        return hidden
 
     def all(self) -> th.Tensor:
         """:return: (M, message) the encoding of every message, in the order of its index"""

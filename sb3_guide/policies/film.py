@@ -7,9 +7,9 @@ from gymnasium import spaces
 from stable_baselines3.common.preprocessing import is_image_space
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
-from torch.nn.functional import embedding
 
 from sb3_guide.policies.picture import Picture, picture_of, words_of
+from sb3_guide.policies.products import transform, transform_looked_up
 from sb3_guide.policies.sequences import Observations, Sequences, distinct, frames
 from sb3_guide.policies.sizes import Size, size_of
 
@@ -97,12 +97,12 @@ class Vision(nn.Module):
         :param row: (N,) which instruction belongs to each image
         :return: (N, image)
         """
-        features = self.features(images, instructions, row)
-        view = self.film_view(self.normalise(self.convolution(features.flatten(1))), instructions, row).relu()
-        return self.normalise(self.out(view))
+        convolved = self.convolved(images, instructions, row)
+        view = self.film_view(self.normalise(convolved), instructions, row).relu()
+        return self.normalise(transform(view, self.out.weight, self.out.bias))
 
-    def features(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
-        """:return: (N, ...) of every image"""
+    def convolved(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
+        """:return: (N, image) what the convolution makes of the features of each image"""
         raise NotImplementedError
 
 
@@ -134,20 +134,24 @@ class CompactVision(Vision):
             self.register_buffer("place_value", th.tensor(place_value), persistent=False)
             self.register_buffer("base", th.tensor(values), persistent=False)
 
-    def features(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
-        """:return: (N, cells, view)"""
+    def convolved(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
         cells = images.flatten(1, 2).long()  # (N, cells, channels)
         if self.whole is None:
-            return self.modulated_each(cells, instructions, row)
-        return self.modulated_kinds((cells * self.place_value).sum(dim=-1), self.whole, instructions, row)
+            modulated = self.modulated_each(cells, instructions, row)
+            return transform(modulated.flatten(1), self.convolution.weight, self.convolution.bias)
+        numbers = (cells * self.place_value).sum(dim=-1)  # (N, cells)
+        table, place = self.modulated_kinds(numbers, self.whole, instructions, row)
+        return transform_looked_up(table, place, self.convolution.weight, self.convolution.bias)
 
-    def modulated_kinds(self, cells: th.Tensor, whole: nn.Embedding, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
+    def modulated_kinds(
+        self, cells: th.Tensor, whole: nn.Embedding, instructions: th.Tensor, row: th.Tensor
+    ) -> tuple[th.Tensor, th.Tensor]:
         """
-        Few kinds of cells occur, so each is modulated once by each instruction, and looked up after that.
+        Few kinds of cells occur, so each is modulated once by each instruction, to be looked up after that.
 
         :param cells: (N, cells) the channels of each as one number
         :param whole: embedding of that
-        :return: (N, cells, view)
+        :return: a table of modulated cells (R, view), and which of its rows each cell of each image is (N, cells)
         """
         occurs = th.zeros(whole.num_embeddings, dtype=th.bool, device=cells.device)
         occurs[cells.flatten()] = True
@@ -155,7 +159,7 @@ class CompactVision(Vision):
         embedded = whole(kinds) + self.embed(kinds.unsqueeze(1) // self.place_value % self.base)
         cell = self.film_cells.all_pairs(embedded, instructions).relu_()  # (M, U, cell)
         table = self.film_mixed.all_pairs(self.mix(cell), instructions).relu_()  # (M, U, view)
-        return embedding(row.unsqueeze(1) * len(kinds) + (occurs.cumsum(0) - 1)[cells], table.flatten(0, 1))
+        return table.flatten(0, 1), row.unsqueeze(1) * len(kinds) + (occurs.cumsum(0) - 1)[cells]
 
     def modulated_each(self, cells: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
         """
@@ -196,10 +200,10 @@ class PixelVision(Vision):
         self.film_stem = FiLM(size.instruction, channels)
         self._look(height * width * channels, size)
 
-    def features(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
-        """:return: (N, height, width, channels) after the last convolution that halves it"""
+    def convolved(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
         parts = [self.stem(part.movedim(-1, 1).float() / self.scale) for part in images.split(PICTURES_AT_ONCE)]
-        return self.film_stem(th.cat(parts).movedim(1, -1), instructions, row).relu_()
+        features = self.film_stem(th.cat(parts).movedim(1, -1), instructions, row).relu_()  # (N, height, width, channels)
+        return transform(features.flatten(1), self.convolution.weight, self.convolution.bias)
 
 
 class FiLMBlock(nn.Module):

@@ -1,5 +1,6 @@
 """Frames of several episodes (or windows of them) without padding."""
 
+from functools import cache
 from typing import NamedTuple
 
 import torch as th
@@ -82,14 +83,19 @@ def distinct(rows: th.Tensor) -> tuple[th.Tensor, th.Tensor]:
     :param rows: (N, D) of any integral values
     :return: index of one representative a distinct row (U,), and for every row the position of its representative (N,)
     """
-    generator = th.Generator().manual_seed(0)
-    weights = th.randint(-(2**63), 2**63 - 1, (rows.shape[1],), generator=generator).to(rows.device)
+    weights = hash_weights(rows.shape[1], rows.device)
     at_once = max(1, LONGS_AT_ONCE // rows.shape[1])
     hashes = th.cat([(part.long() * weights).sum(dim=1) for part in rows.split(at_once)])
     _, inverse = th.unique(hashes, return_inverse=True)
     first = th.empty(int(inverse.max()) + 1, dtype=th.long, device=rows.device)
     first[inverse] = th.arange(len(rows), device=rows.device)
     return first, inverse
+
+
+@cache
+def hash_weights(width: int, device: th.device) -> th.Tensor:
+    """:return: (width,) int64 random numbers, always the same"""
+    return th.randint(-(2**63), 2**63 - 1, (width,), generator=th.Generator().manual_seed(0)).to(device)
 
 
 def history_of(observation_space: spaces.Space) -> int:

@@ -4,12 +4,7 @@ from typing import Any
 
 import torch as th
 
-PRECISION = th.bfloat16  # of the factors of matrix products: four times as fast on a core that knows it
-
-
-def product(a: th.Tensor, b: th.Tensor) -> th.Tensor:
-    """:return: a @ b, summed up in float32"""
-    return th.mm(a.to(PRECISION), b.to(PRECISION)).float()
+from sb3_guide.policies.products import ROUNDED, product
 
 
 class ThroughTime(th.autograd.Function):
@@ -46,7 +41,7 @@ class ThroughTime(th.autograd.Function):
         first, counts = (lengths.cumsum(0) - lengths)[order], going.tolist()
         frame = th.cat([first[:count] + step for step, count in enumerate(counts)])  # (K,) by time, then by sequence
         gates = (product(features, input_weight.t()) + bias)[position[frame]]  # (K, 4 * hidden)
-        recurrent = weight.t().to(PRECISION)
+        recurrent = weight.t().to(ROUNDED)
         h, c, outputs, cells = h[order], c[order], [], []
         befores = []
         for now, count in zip(gates.split(counts), counts, strict=True):
@@ -71,7 +66,7 @@ class ThroughTime(th.autograd.Function):
     def backward(ctx: Any, grad: th.Tensor) -> tuple[th.Tensor | None, ...]:  # type: ignore[override]
         features, position, frame, order, gates, cells, h_before, c_before, input_weight, weight = ctx.saved_tensors
         counts, grad = ctx.counts, grad[frame]
-        recurrent, through = weight.to(PRECISION), th.empty_like(gates)
+        recurrent, through = weight.to(ROUNDED), th.empty_like(gates)
         dh, dc = grad.new_zeros(len(order), weight.shape[1]), grad.new_zeros(len(order), weight.shape[1])
         parts = [part.split(counts) for part in (gates, cells, c_before, grad, through)]
         for now, cell, before, from_output, out in zip(*(reversed(part) for part in parts), strict=True):

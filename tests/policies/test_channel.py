@@ -51,7 +51,8 @@ def test_messages_are_one_hot_and_let_gradients_through(decoder, generator):
 
 def test_without_a_generator_the_most_probable_symbols_are_sent(decoder):
     memory = th.randn(50, 8)
-    logits = decoder.logits(decoder.cell(decoder.embedding(decoder.start(memory)), memory))
+    w0 = th.tensor([1.0, 0.0, 0.0]).expand(50, 3)  # which stands before the first symbol
+    logits = decoder.logits(decoder.cell(decoder.embedding(w0), memory))
     assert decoder(memory)[:, 0].argmax(dim=-1).tolist() == logits.argmax(dim=-1).tolist()
 
 
@@ -67,6 +68,12 @@ def test_sampling_is_a_function_of_the_generator(decoder):
     first, same, other = (decoder(memory, th.Generator().manual_seed(seed)) for seed in (1, 1, 2))
     assert th.equal(first, same)
     assert not th.equal(first, other)
+
+
+def test_the_encoder_is_torchs_gru_over_embedded_symbols(decoder):
+    encoder, symbols = MessageEncoder(4, 6, SHAPE), decoder(th.randn(50, 8), th.Generator().manual_seed(0))
+    expected = encoder.gru(encoder.embedding(symbols))[1].squeeze(0)
+    th.testing.assert_close(encoder(symbols), expected)
 
 
 @pytest.mark.parametrize(("length", "vocabulary_size"), [(0, 3), (2, 1)])

@@ -70,7 +70,8 @@ def test_a_wide_memory_has_torchs_outputs_and_gradients(precision, tolerance):
     for wide in (WIDE, WIDE + 1):
         with (
             patch("sb3_guide.policies.memory.WIDE", wide),
-            patch("sb3_guide.policies.through_time.PRECISION", precision),
+            patch("sb3_guide.policies.products.ROUNDED", precision),
+            patch("sb3_guide.policies.through_time.ROUNDED", precision),
         ):
             output = memory(features, position, th.tensor(lengths), (h, c))
             found.append([output, *th.autograd.grad((output * weight).sum(), inputs)])

@@ -92,8 +92,8 @@ def in_words(dictionary: Dictionary) -> str:
 
 def text_of(choreography: str, dictionary: Dictionary) -> str:
     """
-    :param choreography: name of one of ours, which turns to the left where that is the only side that the agent has a word
-        for, or path of a text file
+    :param choreography: name of one of ours, which turns to the left where the agent only has a word for that side, or path
+        of a text file
     :param dictionary: of the agent
     :raises FileNotFoundError: if it is neither
     """

@@ -1,0 +1,59 @@
+"""Products of factors with 16 bits."""
+
+import pytest
+import torch as th
+from torch import nn
+
+from sb3_guide.policies.products import product, repeating, rounded_products, transform, transform_looked_up
+
+ROUNDING = 2.0**-8  # of a factor, relative: bfloat16 keeps eight bits
+
+
+def gradients(output: th.Tensor, *parts: th.Tensor) -> list[th.Tensor]:
+    """:return: of the output's sum of squares"""
+    return list(th.autograd.grad(output.square().sum(), parts))
+
+
+def test_factors_and_result_are_rounded_and_the_sum_is_not():
+    ones = th.ones(1, 300)
+    assert product(ones[:, :1], th.tensor([[1.0 + 2.0**-10]])).tolist() == [[1.0]]  # a factor that 16 bits can't hold
+    assert product(ones, ones.t()).tolist() == [[300.0]]  # 256 + 1 would be 256 for ever
+    assert product(ones[:, :257], ones[:, :257].t()).tolist() == [[256.0]]  # a result that they can't hold
+
+
+@pytest.mark.parametrize("n_rows", [1, 5, 17, 200])
+def test_within_the_block_a_layer_is_the_same_up_to_rounding(n_rows):
+    layer, x = nn.Linear(40, 30), th.randn(n_rows, 40, requires_grad=True)
+    exact = transform(x, layer.weight, layer.bias)
+    assert th.equal(exact, layer(x))
+    with rounded_products():
+        close = transform(x, layer.weight, layer.bias)
+    expected = gradients(exact, x, layer.weight, layer.bias)
+    th.testing.assert_close(close, exact, rtol=0, atol=3 * ROUNDING)
+    for found, wanted in zip(gradients(close, x, layer.weight, layer.bias), expected, strict=True):
+        assert found.dtype == th.float32
+        assert (found - wanted).norm() < 2 * ROUNDING * wanted.norm()
+
+
+def test_looking_rows_up_first_is_the_same_as_a_layer_on_them():
+    layer, table, index = nn.Linear(3 * 4, 5), th.randn(6, 4, requires_grad=True), th.randint(6, (21, 3))
+    exact = transform_looked_up(table, index, layer.weight, layer.bias)
+    assert th.equal(exact, layer(table[index].flatten(1)))
+    with rounded_products():
+        close = transform_looked_up(table, index, layer.weight, layer.bias)
+    expected = gradients(exact, table, layer.weight, layer.bias)
+    for found, wanted in zip(gradients(close, table, layer.weight, layer.bias), expected, strict=True):
+        assert (found - wanted).norm() < 2 * ROUNDING * wanted.norm()
+
+
+def test_after_the_block_products_are_exact_again_even_if_it_failed():
+    layer, x = nn.Linear(4, 4), th.randn(3, 4)
+    with pytest.raises(RuntimeError, match="stop"), rounded_products():
+        raise RuntimeError("stop")
+    assert th.equal(transform(x, layer.weight, layer.bias), layer(x))
+
+
+def test_numbers_of_rows_are_few_and_little_too_large():
+    sizes = [repeating(n) for n in range(1, 5000)]
+    assert all(n <= size <= 1.13 * n + 1 for n, size in enumerate(sizes, start=1))
+    assert len(set(sizes)) < 100
