@@ -8,6 +8,7 @@ Importing this package registers every level as `GuideGrid-<Level>-v0`.
 import gymnasium
 from gymnasium import vector
 
+from sb3_guide.envs import arrays as _arrays  # noqa: F401  # teaches SB3 to say what is wrong with missions as text
 from sb3_guide.envs.env import GuideGridEnv
 from sb3_guide.envs.levels import LEVELS, Level, level_of
 from sb3_guide.envs.spaces import ACTIONS, DEFAULT_HISTORY, observation_space
