@@ -40,9 +40,24 @@ def vocabulary() -> Vocabulary:
     return Vocabulary.sampled(gymnasium.make(DOOR_KEY), resets=10)
 
 
+class Told(gymnasium.Wrapper):
+    """Says whether an episode was a success, by which a training may stop: Minigrid does not."""
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Act."""
+        seen, reward, terminated, truncated, info = self.env.step(action)
+        return (
+            seen,
+            float(reward),
+            terminated,
+            truncated,
+            {**info, "is_success": reward > 0} if terminated or truncated else info,
+        )
+
+
 def door_key() -> gymnasium.Env:
     """:return: DoorKey as it is registered, its mission as tokens, with three images before the present one"""
-    return HistoryWrapper(TextMissionWrapper(gymnasium.make(DOOR_KEY), vocabulary()), history=3)
+    return HistoryWrapper(TextMissionWrapper(Told(gymnasium.make(DOOR_KEY)), vocabulary()), history=3)
 
 
 class Doom(gymnasium.Wrapper):
