@@ -4,7 +4,7 @@ from sb3_guide.language.ablation import ablate, ablations
 from sb3_guide.language.dictionary import Dictionary, learn
 from sb3_guide.language.reading import Reading, memory_of, read
 from sb3_guide.language.situations import SITUATIONS, situations, targets
-from sb3_guide.language.speaking import CHOREOGRAPHIES, Performance, obey, perform, speak, steps_of
+from sb3_guide.language.speaking import CHOREOGRAPHIES, Performance, danced, obey, perform, speak, steps_of
 
 __all__ = [
     "CHOREOGRAPHIES",
@@ -14,6 +14,7 @@ __all__ = [
     "Reading",
     "ablate",
     "ablations",
+    "danced",
     "learn",
     "memory_of",
     "obey",

@@ -83,6 +83,17 @@ def steps_of(choreography: str, dictionary: Dictionary) -> list[int]:
     return [message_of(step, dictionary) for step in steps]
 
 
+def danced(name: str, dictionary: Dictionary) -> str:
+    """
+    :param name: of one of CHOREOGRAPHIES
+    :param dictionary: of the agent that is to perform it
+    :return: its steps, which turn to the left where that is the only side that the agent has a word for
+    """
+    known = [dictionary.actions[action] for action in dictionary.meanings if action >= 0]
+    left, right = (side in known for side in ("left", "right"))
+    return ", ".join("left" if step == "right" and left and not right else step for step in CHOREOGRAPHIES[name])
+
+
 def message_of(step: str, dictionary: Dictionary) -> int:
     """
     :param step: name of an action, or a message

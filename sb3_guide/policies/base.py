@@ -84,9 +84,9 @@ class AgentPolicy(ActorCriticPolicy):
     ) -> None:
         check_spaces(observation_space, action_space)
         self.agent_kwargs = agent_kwargs
-        kwargs = {**kwargs, "normalize_images": False}  # networks do it themselves, for they see images on other ways too
         if optimizer_kwargs is None and kwargs.get("optimizer_class", th.optim.Adam) is th.optim.Adam:
             optimizer_kwargs = {"eps": 1e-5, "fused": True}
+        kwargs = {**kwargs, "normalize_images": False}  # networks do it themselves, for they see images on other ways too
         super().__init__(
             observation_space,
             action_space,

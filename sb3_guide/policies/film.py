@@ -97,12 +97,11 @@ class Vision(nn.Module):
         :param row: (N,) which instruction belongs to each image
         :return: (N, image)
         """
-        convolved = self.convolved(images, instructions, row)
-        view = self.film_view(self.normalise(convolved), instructions, row).relu()
+        view = self.film_view(self.normalise(self.whole_view(images, instructions, row)), instructions, row).relu()
         return self.normalise(transform(view, self.out.weight, self.out.bias))
 
-    def convolved(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
-        """:return: (N, image) what the convolution makes of the features of each image"""
+    def whole_view(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
+        """:return: (N, image) the convolution over all features of every image"""
         raise NotImplementedError
 
 
@@ -134,14 +133,13 @@ class CompactVision(Vision):
             self.register_buffer("place_value", th.tensor(place_value), persistent=False)
             self.register_buffer("base", th.tensor(values), persistent=False)
 
-    def convolved(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
+    def whole_view(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
         cells = images.flatten(1, 2).long()  # (N, cells, channels)
+        weight, bias = self.convolution.parameters()
         if self.whole is None:
-            modulated = self.modulated_each(cells, instructions, row)
-            return transform(modulated.flatten(1), self.convolution.weight, self.convolution.bias)
-        numbers = (cells * self.place_value).sum(dim=-1)  # (N, cells)
-        table, place = self.modulated_kinds(numbers, self.whole, instructions, row)
-        return transform_looked_up(table, place, self.convolution.weight, self.convolution.bias)
+            return transform(self.modulated_each(cells, instructions, row).flatten(1), weight, bias)
+        numbers = (cells * self.place_value).sum(dim=-1)
+        return transform_looked_up(*self.modulated_kinds(numbers, self.whole, instructions, row), weight, bias)
 
     def modulated_kinds(
         self, cells: th.Tensor, whole: nn.Embedding, instructions: th.Tensor, row: th.Tensor
@@ -200,7 +198,7 @@ class PixelVision(Vision):
         self.film_stem = FiLM(size.instruction, channels)
         self._look(height * width * channels, size)
 
-    def convolved(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
+    def whole_view(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
         parts = [self.stem(part.movedim(-1, 1).float() / self.scale) for part in images.split(PICTURES_AT_ONCE)]
         features = self.film_stem(th.cat(parts).movedim(1, -1), instructions, row).relu_()  # (N, height, width, channels)
         return transform(features.flatten(1), self.convolution.weight, self.convolution.bias)

@@ -83,8 +83,7 @@ def distinct(rows: th.Tensor) -> tuple[th.Tensor, th.Tensor]:
     :param rows: (N, D) of any integral values
     :return: index of one representative a distinct row (U,), and for every row the position of its representative (N,)
     """
-    weights = hash_weights(rows.shape[1], rows.device)
-    at_once = max(1, LONGS_AT_ONCE // rows.shape[1])
+    weights, at_once = hash_weights(rows.shape[1], rows.device), max(1, LONGS_AT_ONCE // rows.shape[1])
     hashes = th.cat([(part.long() * weights).sum(dim=1) for part in rows.split(at_once)])
     _, inverse = th.unique(hashes, return_inverse=True)
     first = th.empty(int(inverse.max()) + 1, dtype=th.long, device=rows.device)

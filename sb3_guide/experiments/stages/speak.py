@@ -12,7 +12,7 @@ from sb3_guide.envs import ACTIONS, GuideGridEnv, is_level, name_of
 from sb3_guide.experiments.stages.levels import environment
 from sb3_guide.experiments.stages.runs import record, use_threads
 from sb3_guide.files import write_json
-from sb3_guide.language import CHOREOGRAPHIES, Dictionary, learn, obey, perform, read, steps_of
+from sb3_guide.language import CHOREOGRAPHIES, Dictionary, danced, learn, obey, perform, read, steps_of
 from sb3_guide.language.pictures import save_figure, walk_figure
 from sb3_guide.metrics import obedience
 from sb3_guide.policies import AgentPolicy, load_agent
@@ -92,16 +92,12 @@ def in_words(dictionary: Dictionary) -> str:
 
 def text_of(choreography: str, dictionary: Dictionary) -> str:
     """
-    :param choreography: name of one of ours, which turns to the left where the agent only has a word for that side, or path
-        of a text file
+    :param choreography: name of one of ours, or path of a text file
     :param dictionary: of the agent
     :raises FileNotFoundError: if it is neither
     """
     if choreography in CHOREOGRAPHIES:
-        known = [dictionary.actions[action] for action in dictionary.meanings if action >= 0]
-        left, right = (side in known for side in ("left", "right"))
-        steps = CHOREOGRAPHIES[choreography]
-        return ", ".join("left" if step == "right" and left and not right else step for step in steps)
+        return danced(choreography, dictionary)
     if not Path(choreography).is_file():
         raise FileNotFoundError(
             f"there is no choreography {choreography!r}: expected {', '.join(CHOREOGRAPHIES)}, or a text file with an action "
@@ -133,7 +129,7 @@ def walk_in_level(
     lines = protocol(told, taken[: len(cells) - 1], dictionary)
     print("\n".join(lines))
     save_figure(walk_figure(grid, np.array(cells), lines), out / "walk.png")
-    return {"mission": env.mission, **danced(mission, told, taken[: len(lines)], dictionary)}
+    return {"mission": env.mission, **account(mission, told, taken[: len(lines)], dictionary)}
 
 
 def walk_elsewhere(
@@ -143,7 +139,7 @@ def walk_elsewhere(
     mission = int(mission_seeds("analysis", 1, skip=seed)[0])
     taken = perform(policy, level, np.array([mission]), np.array(told)[:, None]).taken[:, 0]
     print("\n".join(protocol(told, taken, dictionary)))
-    return danced(mission, told, taken, dictionary)
+    return account(mission, told, taken, dictionary)
 
 
 def protocol(told: Sequence[int], taken: np.ndarray, dictionary: Dictionary) -> list[str]:
@@ -159,7 +155,7 @@ def protocol(told: Sequence[int], taken: np.ndarray, dictionary: Dictionary) -> 
     ]
 
 
-def danced(mission: int, told: Sequence[int], taken: np.ndarray, dictionary: Dictionary) -> dict[str, Any]:
+def account(mission: int, told: Sequence[int], taken: np.ndarray, dictionary: Dictionary) -> dict[str, Any]:
     """:return: seed of the mission, and what was told, meant and done, as JSON"""
     actions = dictionary.actions
     return {
