@@ -4,7 +4,7 @@ toy of the tests. Needs `pip install vizdoom`.
 
     python -m benchmarks.other_envs --out runs/other_envs --results docs/results/other_envs.json
 
-Experts are trained by PPO (one seed); Learner, Guide and guided Learner are cloned from their demonstrations (three seeds).
+Experts are trained by PPO (one seed); Learner, Guide and guided Learner are cloned from their demonstrations.
 What was finished is kept, so that it may be killed and called again. Hyper-parameters: benchmarks/other_envs_ppo.yml and
 benchmarks/other_envs_bc.yml.
 """
@@ -31,8 +31,7 @@ from sb3_guide.files import read_json, write_json
 
 HERE = Path(__file__).parent
 DOOR_KEY = "MiniGrid-DoorKey-5x5-v0"
-SEEDS = 3
-SPLITS = {"train": 400, "validation": 50, "analysis": 100}  # episodes
+SPLITS = {"train": 400, "validation": 50, "analysis": 50}  # episodes
 
 
 @cache
@@ -41,9 +40,24 @@ def vocabulary() -> Vocabulary:
     return Vocabulary.sampled(gymnasium.make(DOOR_KEY), resets=10)
 
 
+class Told(gymnasium.Wrapper):
+    """Says whether an episode was a success, by which a training may stop: Minigrid does not."""
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Act."""
+        seen, reward, terminated, truncated, info = self.env.step(action)
+        return (
+            seen,
+            float(reward),
+            terminated,
+            truncated,
+            {**info, "is_success": reward > 0} if terminated or truncated else info,
+        )
+
+
 def door_key() -> gymnasium.Env:
     """:return: DoorKey as it is registered, its mission as tokens, with three images before the present one"""
-    return HistoryWrapper(TextMissionWrapper(gymnasium.make(DOOR_KEY), vocabulary()), history=3)
+    return HistoryWrapper(TextMissionWrapper(Told(gymnasium.make(DOOR_KEY)), vocabulary()), history=3)
 
 
 class Doom(gymnasium.Wrapper):
@@ -86,11 +100,12 @@ gymnasium.register("Doom-v0", doom)
 ENVIRONMENTS = ("tests.toys:Pick-v0", "DoorKey-v0", "Doom-v0")
 
 
-def stages(level: str, out: Path) -> None:
+def stages(level: str, seeds: int, out: Path) -> None:
     """
     Run everything that is missing.
 
     :param level: id of the environment
+    :param seeds: of stages 2 and 3
     :param out: folder
     """
     train_expert(level, out / "expert", 0, 1, resume=True, config_file=HERE / "other_envs_ppo.yml")
@@ -98,26 +113,28 @@ def stages(level: str, out: Path) -> None:
     for split, count in SPLITS.items():
         if not (demos / f"{split}.json").exists():
             record_demonstrations(level, out / "expert", split, count, demos / f"{split}.safetensors", 1)
-    for seed in range(SEEDS):
-        for agent in ("learner", "guide", "guided"):
-            guide = str(out / f"guide{seed}") if agent == "guided" else None
+    for seed in range(seeds):
+        for kind in ("learner", "guide", "guided"):
+            heard = str(out / f"guide{seed}") if kind == "guided" else None
             config = HERE / "other_envs_bc.yml"
-            clone(agent, level, [demos], out / f"{agent}{seed}", seed, 1, resume=True, guide=guide, config_file=config)
-        guided = out / f"guided{seed}"
-        if not (guided / "speech" / "speech.json").exists():
-            analyze(guided, level, demos / "analysis.safetensors", None, guided / "analysis", 1, n_episodes=100)
-            ablate_agent(guided, level, 100, guided / "ablation.json", 1)
-            speak_to(guided, level, [], None, True, guided / "speech", seed, 1)
+            clone(kind, level, [demos], out / f"{kind}{seed}", seed, 1, resume=True, guide=heard, config_file=config)
+        guide, guided = out / f"guide{seed}", out / f"guided{seed}"
+        if not (guide / "speech" / "speech.json").exists():
+            for agent in (guide, guided):
+                analyze(agent, level, demos / "analysis.safetensors", None, agent / "analysis", 1, n_episodes=50)
+            ablate_agent(guided, level, 50, guided / "ablation.json", 1)
+            speak_to(guide, level, [], None, True, guide / "speech", seed, 1)
 
 
-def summary(out: Path) -> dict[str, Any]:
+def summary(seeds: int, out: Path) -> dict[str, Any]:
     """
+    :param seeds: of stages 2 and 3
     :param out: folder that :func:`stages` filled
     :return: the numbers that are worth telling, lists over seeds
     """
 
     def of(agent: str, file: str, *keys: str) -> list[Any]:
-        found = [read_json(out / f"{agent}{seed}" / file) for seed in range(SEEDS)]
+        found = [read_json(out / f"{agent}{seed}" / file) for seed in range(seeds)]
         for key in keys:
             found = [content[key] for content in found]
         return found
@@ -126,7 +143,7 @@ def summary(out: Path) -> dict[str, Any]:
     curves = {
         agent: [
             [float(row["success_rate"]) for row in read_table(out / f"{agent}{seed}" / "progress.csv")]
-            for seed in range(SEEDS)
+            for seed in range(seeds)
         ]
         for agent in ("learner", "guide", "guided")
     }
@@ -141,29 +158,33 @@ def summary(out: Path) -> dict[str, Any]:
         "epochs": [float(row["epoch"]) for row in read_table(out / "learner0" / "progress.csv")],
         "curves": curves,
         "communication": {
-            name: of("guided", "analysis/analysis.json", "in_play", name, "mean")
-            for name in ("cic", "uniform_cic", "message_entropy")
+            agent: {
+                name: of(agent, "analysis/analysis.json", "in_play", name, "mean")
+                for name in ("cic", "uniform_cic", "message_entropy")
+            }
+            for agent in ("guide", "guided")
         },
         "ablation": {
             name: [found[name]["success_rate"] for found in of("guided", "ablation.json", "interventions")]
             for name in ("spoken", "silent", "uniform", "shuffled")
         },
-        "obedience": of("guided", "speech/speech.json", "obedience"),
-        "dictionary": of("guided", "speech/speech.json", "dictionary"),
+        "obedience": of("guide", "speech/speech.json", "obedience"),
+        "dictionary": of("guide", "speech/speech.json", "dictionary"),
     }
 
 
 def main(
     out: Annotated[Path, typer.Option(help="Folder for all that is made.")],
     results: Annotated[Path, typer.Option(help="JSON file for the numbers.")],
+    seeds: Annotated[int, typer.Option(min=1, help="Of stages 2 and 3.")] = 3,
     only: Annotated[list[str] | None, typer.Option(help="Environment to run; repeat it; all if left out.")] = None,
 ) -> None:
     """Run all stages in all environments, and write down the numbers."""
     found = read_json(results) if results.exists() else {}
     for level in only or ENVIRONMENTS:
         name = level.rpartition(":")[2]
-        stages(level, out / name)
-        found[name] = summary(out / name)
+        stages(level, seeds, out / name)
+        found[name] = summary(seeds, out / name)
         write_json(results, found)
 
 

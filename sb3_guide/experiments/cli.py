@@ -15,7 +15,7 @@ app = typer.Typer(
     "the other commands are its stages.",
 )
 
-Level = Annotated[str, typer.Option(help="Name of the level, such as GoToObj.")]
+Level = Annotated[str, typer.Option(help="Name of the level, such as GoToObj, or PACKAGE:ID of another environment.")]
 Seed = Annotated[int, typer.Option(min=0, help="Of everything that is random in this stage.")]
 Threads = Annotated[int, typer.Option(min=1, help="Of torch. Results depend on their number.")]
 Resume = Annotated[bool, typer.Option("--resume", help="Continue a run that was killed; do nothing if it has finished.")]

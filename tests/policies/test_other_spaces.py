@@ -1,5 +1,6 @@
 """Images and missions of any form: what agents make of them, and what they say where they can make nothing of them."""
 
+import minigrid  # noqa: F401  # registers its environments
 import numpy as np
 import pytest
 import torch as th
@@ -226,6 +227,13 @@ def test_actions_that_agents_can_not_take():
 def test_a_space_without_an_image_in_an_algorithm():
     with pytest.raises(ValueError, match=r"the observation space has no image: .* got Box\("):
         PPO("GuidePolicy", "CartPole-v1")
+
+
+def test_a_mission_as_text_in_an_algorithm():
+    with pytest.raises(
+        ValueError, match=r"'mission' of the observations is MissionSpace.*sb3_guide\.envs\.TextMissionWrapper"
+    ):
+        PPO("GuidePolicy", "MiniGrid-DoorKey-5x5-v0")
 
 
 def test_images_too_small_for_the_papers_pooling():
