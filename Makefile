@@ -36,7 +36,7 @@ test-installed: dist  ## the wheel alone in empty environments: the lowest suppo
 
 .venv/installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
-	$(RUN)pip install --constraint constraints.txt --editable ".[imitation,experiments,minari,zoo,human,docs,test,lint,dist]"
+	$(RUN)pip install --constraint constraints.txt --editable ".[imitation,experiments,minari,zoo,human,playground,docs,test,lint,dist]"
 	touch $@
 
 .venv-newest/installed: pyproject.toml constraints.txt

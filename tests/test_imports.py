@@ -32,7 +32,8 @@ def test_either_order(imports):
 
 
 def test_nothing_but_cloning_needs_the_extras():
-    extras = ("imitation", "snakemake", "matplotlib.pyplot", "scipy.stats", "minigrid", "pygame", "jinja2", "filelock")
+    graphical = ("matplotlib.pyplot", "pygame", "nicegui", "jinja2")
+    extras = (*graphical, "imitation", "snakemake", "scipy.stats", "minigrid", "filelock")
     code = (
         "import sys\n"
         f"for name in {extras}: sys.modules[name] = None\n"
