@@ -121,7 +121,7 @@ def stages(level: str, seeds: int, out: Path) -> None:
         guide, guided = out / f"guide{seed}", out / f"guided{seed}"
         if not (guide / "speech" / "speech.json").exists():
             for agent in (guide, guided):
-                analyze(agent, level, demos / "analysis.safetensors", agent / "analysis", 1, n_episodes=50)
+                analyze(agent, level, demos / "analysis.safetensors", None, agent / "analysis", 1, n_episodes=50)
             ablate_agent(guided, level, 50, guided / "ablation.json", 1)
             speak_to(guide, level, [], None, True, guide / "speech", seed, 1)
 

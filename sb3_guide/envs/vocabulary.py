@@ -125,6 +125,7 @@ def _split(mission: str) -> list[str]:
     return re.sub(rf"([{_PUNCTUATION}])", r" \1 ", mission).split()
 
 
+#: the word of each token; that of 0 is padding
 WORDS = (
     "",  # padding
     *("go", "to", "pick", "up", "put", "next", "the", "a"),
@@ -132,8 +133,8 @@ WORDS = (
     *("on", "your", "left", "right", "in", "front", "of", "you", "behind"),
     *("door", "open", "and", "then", "after", ","),
 )
-VOCABULARY_SIZE = len(WORDS)
-MISSION_LENGTH = 72  # words of the longest mission of all levels
+VOCABULARY_SIZE = len(WORDS)  #: different tokens, padding included
+MISSION_LENGTH = 72  #: words of the longest mission of all levels
 
 LEVELS_VOCABULARY = Vocabulary(WORDS, MISSION_LENGTH)
 encode = LEVELS_VOCABULARY.encode

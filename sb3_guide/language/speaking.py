@@ -18,6 +18,7 @@ from sb3_guide.policies.interventions import Chosen
 from sb3_guide.policies.sequences import history_of
 
 Message = str | Sequence[int] | np.ndarray
+#: actions of the paper's choreographies, by name
 CHOREOGRAPHIES = {"pirouette": ["right"] * 4, "waltz": ["forward", "forward", "right"] * 4}
 STEPS = 10  # messages that each world is told in a row, of those that measure obedience
 
@@ -104,8 +105,11 @@ def message_of(step: str, dictionary: Dictionary) -> int:
         return dictionary.message_for(dictionary.actions.index(step))
     names = dictionary.shape.names()
     if " ".join(step.split()) not in names:
-        known = ", ".join(dictionary.actions)
-        raise ValueError(f"step {step!r} is unknown: expected one of {known}, or a message such as {names[1]!r}")
+        known, shape = ", ".join(dictionary.actions), dictionary.shape
+        raise ValueError(
+            f"step {step!r} is unknown: expected one of {known}, or a message of {shape.length} words from w0 to "
+            f"w{shape.vocabulary_size - 1}, such as {names[1]!r}"
+        )
     return names.index(" ".join(step.split()))
 
 

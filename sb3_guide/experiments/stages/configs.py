@@ -1,12 +1,12 @@
 """Hyper-parameters, which live in zoo_configs/ only."""
 
-import math
 from pathlib import Path
 from typing import Any
 
 import yaml
 from stable_baselines3.common.type_aliases import Schedule
 
+from sb3_guide.callbacks.curriculum import falling
 from sb3_guide.envs import is_level, level_of
 
 PACKAGE = Path(__file__).parents[2]
@@ -34,13 +34,7 @@ def schedule(text: str) -> Schedule:
     :return: a schedule for SB3
     :raises ValueError: if it is of another kind
     """
-    kind, _, initial = text.partition("_")
-    try:
-        start = float(initial)
-    except ValueError:
-        start = math.nan
-    if kind != "lin" or math.isnan(start):
-        raise ValueError(f"schedule {text!r} is unknown: expected a number, or lin_ and a number")
+    start = falling(text)
     return lambda progress_remaining: progress_remaining * start
 
 
