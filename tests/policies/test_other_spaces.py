@@ -1,5 +1,7 @@
 """Images and missions of any form: what agents make of them, and what they say where they can make nothing of them."""
 
+import json
+
 import minigrid  # noqa: F401  # registers its environments
 import numpy as np
 import pytest
@@ -176,6 +178,35 @@ def test_bounds_that_differ_come_back_from_an_agents_folder(tmp_path):
     assert picture_of(space).values == (5, 2, 10)
     save_agent(LearnerPolicy(space, spaces.Discrete(3), lambda _: 1e-3), tmp_path)
     assert load_agent(tmp_path).observation_space == space
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("actions", 10**9, "tells of 1000000000 actions: expected 1 to 65536"),
+        ("actions", "two", "tells of 'two' actions"),
+        ("observation_space", {"image": {}}, "describes no observation space"),
+        ("observation_space", [1], "describes no observation space"),
+        (
+            "observation_space",
+            {"image": {"shape": [10**9] * 3, "dtype": "uint8", "low": 0, "high": 1}},
+            "expected 1 to 16777216",
+        ),
+        ("observation_space", {"image": {"shape": [2, 2, 1], "dtype": "O", "low": 0, "high": 1}}, "of O: expected"),
+        (
+            "observation_space",
+            {"image": {"shape": [2, 2, 1], "dtype": "uint8", "low": [0], "high": [1, 2, 3]}},
+            "describes no",
+        ),
+        ("observation_space", {}, "the observation space has no image"),
+    ],
+)
+def test_an_agents_folder_that_describes_impossible_spaces(name, value, message, tmp_path):
+    save_agent(make(LearnerPolicy, "cells"), tmp_path)
+    path = tmp_path / "agent.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), name: value}))
+    with pytest.raises(ValueError, match=message):
+        load_agent(tmp_path)
 
 
 @pytest.mark.parametrize("kind", ["pixels", "cells"])
