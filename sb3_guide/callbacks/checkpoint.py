@@ -76,7 +76,7 @@ def load_state(path: Path) -> dict[str, Any]:
     :raises ValueError: if it is damaged
     """
     try:
-        return th.load(path, weights_only=True)
+        return th.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # torch raises whatever the damaged place makes it raise
         raise ValueError(f"checkpoint {path} is damaged ({error}): delete it to start anew") from error
 
@@ -121,7 +121,8 @@ def restore_training(model: OnPolicyAlgorithm, state: dict[str, Any], watchers: 
     model._last_obs = arrays(state["last_obs"])
     model._last_episode_starts = state["last_episode_starts"].numpy()
     if state["last_lstm_states"] is not None:
-        model._last_lstm_states = RNNStates(*(tuple(half) for half in state["last_lstm_states"]))  # type: ignore[attr-defined]
+        halves = (tuple(part.to(model.device) for part in half) for half in state["last_lstm_states"])
+        model._last_lstm_states = RNNStates(*halves)  # type: ignore[attr-defined]
     for watcher, watched in zip(watchers, state["watched"], strict=True):  # one may change the worlds' level
         watcher.init_callback(model)
         watcher.set_state(watched)

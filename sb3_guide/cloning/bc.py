@@ -49,9 +49,9 @@ class EpisodeLoader:
             yield self._batch(self.episodes.select(order[start : start + self.batch_size]))
 
     def _batch(self, chosen: Episodes) -> dict[str, Any]:
-        """:return: images (B, T, 7, 7, 3), missions (B, 72), lengths (B,) and actions (B, T) of B episodes"""
+        """:return: images (B, T, ...), missions (B, words), lengths (B,) and actions (B, T) of B episodes"""
         valid = np.arange(chosen.lengths.max()) < chosen.lengths[:, None]  # (B, T)
-        images = np.zeros((*valid.shape, *chosen.images.shape[1:]), dtype=np.uint8)
+        images = np.zeros((*valid.shape, *chosen.images.shape[1:]), dtype=chosen.images.dtype)
         actions = np.zeros(valid.shape, dtype=np.int64)
         images[valid] = chosen.images
         actions[valid] = chosen.actions
@@ -76,7 +76,7 @@ class EpisodeLoss:
     ) -> bc.BCTrainingMetrics:
         """
         :param policy: with carried memory
-        :param obs: "image" (B, T, 7, 7, 3), "mission" (B, 72) and "length" (B,)
+        :param obs: "image" (B, T, ...), "mission" (B, words) and "length" (B,)
         :param acts: (B, T)
         """
         valid = th.arange(acts.shape[1], device=acts.device) < obs["length"].unsqueeze(1)
@@ -86,7 +86,7 @@ class EpisodeLoss:
         log_prob, entropy = distribution.log_prob(acts[valid]), distribution.entropy()
         assert entropy is not None  # of a categorical distribution
         neglogp, mean_entropy = -log_prob.mean(), entropy.mean()
-        none = th.zeros(())
+        none = acts.new_zeros(())
         return bc.BCTrainingMetrics(
             neglogp=neglogp,
             entropy=mean_entropy,
@@ -112,8 +112,9 @@ def distribution_along(
         memory = policy.network.remember(sequences)
         scene = scene_of(memory, sequences.lengths)
         return policy.action_distribution(policy.network.latent(memory, scene, generator))
-    missions = sequences.missions.repeat_interleave(sequences.lengths, dim=0)
-    features = policy.extract_features({"image": sequences.images, "mission": missions})  # type: ignore[arg-type]
+    seen = {"image": sequences.images, "mission": sequences.missions.repeat_interleave(sequences.lengths, dim=0)}
+    known = policy.observation_space.spaces  # type: ignore[attr-defined]
+    features = policy.extract_features({name: seen[name] for name in known})  # type: ignore[arg-type]
     of_actor = features if policy.share_features_extractor else features[0]  # (K, features_dim)
     padded = of_actor.new_zeros(*valid.shape, of_actor.shape[1])
     padded[valid] = of_actor
@@ -159,7 +160,8 @@ def episode_bc(
         policy=policy,
         demonstrations=loader,
         batch_size=batch_size,
-        optimizer_kwargs={"lr": learning_rate, "eps": 1e-5, "fused": True},
+        optimizer_kwargs={"lr": learning_rate, "eps": 1e-5, "fused": policy.device.type == "cpu"},  # elsewhere torch chooses
+        device=policy.device,
         custom_logger=logger,
     )
     algorithm.loss_calculator = EpisodeLoss(ent_weight, th.Generator().manual_seed(seed))

@@ -54,11 +54,12 @@ def pool(parts: Sequence[Demonstrations]) -> Demonstrations:
     """
     :param parts: of one or several levels
     :return: all of them together
-    :raises ValueError: if their missions are of different vocabularies
+    :raises ValueError: if their images or missions are of different forms
     """
-    if len({part.episodes.missions.shape[1:] for part in parts}) > 1:
-        shapes = {part.level: part.episodes.missions.shape[1:] for part in parts}
-        raise ValueError(f"demonstrations of different vocabularies can't be pooled: their missions have shapes {shapes}")
+    for name in ("image", "mission"):
+        shapes = {part.level: getattr(part.episodes, f"{name}s").shape[1:] for part in parts}
+        if len(set(shapes.values())) > 1:
+            raise ValueError(f"demonstrations of different {name}s can't be pooled: their shapes are {shapes}")
     provenance = {part.level: part.provenance for part in parts}
     return Demonstrations(concatenate([part.episodes for part in parts]), "+".join(provenance), provenance)
 
@@ -121,10 +122,11 @@ def check_space(demonstrations: Demonstrations, observation_space: spaces.Dict) 
     :param observation_space: of the agent
     :raises ValueError: if the agent could not have seen these observations
     """
-    if not isinstance(observation_space, spaces.Dict) or set(observation_space.spaces) != {"image", "mission"}:
+    seen = {"image": demonstrations.episodes.images, "mission": demonstrations.episodes.missions}
+    if not isinstance(observation_space, spaces.Dict) or not {"image"} <= observation_space.spaces.keys() <= seen.keys():
         raise ValueError(f"the agent observes {observation_space}: expected image and mission alone, as with history=0")
-    for name, values in (("image", demonstrations.episodes.images), ("mission", demonstrations.episodes.missions)):
-        space = observation_space[name]
+    for name, space in observation_space.spaces.items():
+        values = seen[name]
         assert isinstance(space, spaces.Box)
         if values.shape[1:] != space.shape or values.dtype != space.dtype or values.max() > space.high.max():
             raise ValueError(

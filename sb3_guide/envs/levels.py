@@ -94,6 +94,7 @@ _MAZE = Level("", columns=3, rows=3, distractors=18)
 _LANGUAGE = replace(_MAZE, recipe=LANGUAGE, access=ANYWHERE, actions=4, sentences=3, locations=True, unblocking=True)
 _SYNTH = replace(_LANGUAGE, implicit_unlock=False, locked_room_probability=0.5)
 
+#: every level by its name
 LEVELS = {
     level.name: level
     for level in (

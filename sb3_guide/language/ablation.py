@@ -32,7 +32,7 @@ def ablate(
 ) -> dict[str, np.ndarray]:
     """
     :param policy: with a channel
-    :param level: name or id of the level
+    :param level: name or id of the level, or id of another environment
     :param seeds: (E,) of the missions, the same for each intervention
     :param interventions: by name
     :return: (E,) bool by name, whether each mission succeeded

@@ -2,13 +2,15 @@
 
 import re
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 
-from sb3_guide.envs import ACTIONS, GuideGridVecEnv, level_of
+from sb3_guide.cloning.episodes import check_sees, worlds_at_once
+from sb3_guide.envs import worlds_of
 from sb3_guide.language.dictionary import Dictionary
 from sb3_guide.policies import AgentPolicy
 from sb3_guide.policies.channel import MessageShape
@@ -16,6 +18,7 @@ from sb3_guide.policies.interventions import Chosen
 from sb3_guide.policies.sequences import history_of
 
 Message = str | Sequence[int] | np.ndarray
+#: actions of the paper's choreographies, by name
 CHOREOGRAPHIES = {"pirouette": ["right"] * 4, "waltz": ["forward", "forward", "right"] * 4}
 STEPS = 10  # messages that each world is told in a row, of those that measure obedience
 
@@ -81,17 +84,32 @@ def steps_of(choreography: str, dictionary: Dictionary) -> list[int]:
     return [message_of(step, dictionary) for step in steps]
 
 
+def danced(name: str, dictionary: Dictionary) -> str:
+    """
+    :param name: of one of CHOREOGRAPHIES
+    :param dictionary: of the agent that is to perform it
+    :return: its steps, which turn to the left where that is the only side that the agent has a word for
+    """
+    known = [dictionary.actions[action] for action in dictionary.meanings if action >= 0]
+    left, right = (side in known for side in ("left", "right"))
+    return ", ".join("left" if step == "right" and left and not right else step for step in CHOREOGRAPHIES[name])
+
+
 def message_of(step: str, dictionary: Dictionary) -> int:
     """
     :param step: name of an action, or a message
     :return: index of the message
     :raises ValueError: if it is neither
     """
-    if step in ACTIONS:
-        return dictionary.message_for(ACTIONS.index(step))
+    if step in dictionary.actions:
+        return dictionary.message_for(dictionary.actions.index(step))
     names = dictionary.shape.names()
     if " ".join(step.split()) not in names:
-        raise ValueError(f"step {step!r} is unknown: expected one of {', '.join(ACTIONS)}, or a message such as {names[1]!r}")
+        known, shape = ", ".join(dictionary.actions), dictionary.shape
+        raise ValueError(
+            f"step {step!r} is unknown: expected one of {known}, or a message of {shape.length} words from w0 to "
+            f"w{shape.vocabulary_size - 1}, such as {names[1]!r}"
+        )
     return names.index(" ".join(step.split()))
 
 
@@ -113,21 +131,24 @@ def perform(policy: AgentPolicy, level: str, seeds: np.ndarray, told: np.ndarray
     Tell an agent one message after the other, and watch what it does.
 
     :param policy: with a channel
-    :param level: name or id of the level
+    :param level: name or id of the level, or id of another environment
     :param seeds: (B,) of the missions
     :param told: (T, B) index of the message at each step in each world
     :raises ValueError: if the agent has no channel, or is of another level
     """
-    shape = policy.channel.encoder.shape
-    venv = GuideGridVecEnv(level_of(level).env_id, len(seeds), history=history_of(policy.observation_space))
-    obs: Any = venv.reset_to(seeds)
-    symbols = shape.all().numpy()[told]  # (T, B, length)
-    state, starts, taken = None, np.ones(len(seeds), dtype=bool), []
-    for message in symbols:
-        actions, state = speak(policy, obs, message, state, starts)
-        obs, _, starts, _ = venv.step(actions)
-        taken.append(actions)
-    return Performance(told, np.stack(taken))
+    symbols = policy.channel.encoder.shape.all().numpy()[told]  # (T, B, length)
+    at_once, taken = worlds_at_once(level, len(seeds)), np.zeros_like(told)
+    with closing(worlds_of(level, at_once, history_of(policy.observation_space), go_on=True)) as worlds:
+        names = check_sees(policy, worlds.observation_space, level)
+        for start in range(0, len(seeds), at_once):
+            chunk = np.resize(np.arange(start, min(start + at_once, len(seeds))), at_once)  # the last one is filled up
+            obs: Any = worlds.reset_to(seeds[chunk])
+            state, starts = None, np.ones(at_once, dtype=bool)
+            for step, message in enumerate(symbols[:, chunk]):
+                seen = {name: obs[name] for name in names}
+                taken[step, chunk], state = speak(policy, seen, message, state, starts)
+                obs, _, starts, _ = worlds.step(taken[step, chunk])
+    return Performance(told, taken)
 
 
 def obey(
@@ -137,7 +158,7 @@ def obey(
     Tell an agent random messages that mean something, ten in a row on each mission (paper section 5.4).
 
     :param policy: with a channel
-    :param level: name or id of the level
+    :param level: name or id of the level, or id of another environment
     :param dictionary: learned on other missions
     :param seeds: (B,) of the missions
     :param rng: that draws the messages, each that means something being equally probable

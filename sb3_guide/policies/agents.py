@@ -43,9 +43,15 @@ class SpeakingAgent(AgentPolicy):
         """
         :param guide: whose weights are copied, unless they come from elsewhere
         :param freeze: keep them as they are
+        :raises ValueError: if they don't fit what this agent observes
         """
         if guide.weights is not None:
-            self.channel.speaker.load_state_dict(guide.weights)
+            try:
+                self.channel.speaker.load_state_dict(guide.weights)
+            except RuntimeError as error:
+                raise ValueError(
+                    f"the Guide was trained on other observations than {self.observation_space} ({error})"
+                ) from error
         self.channel.speaker.requires_grad_(not freeze)
 
     @classmethod

@@ -15,6 +15,7 @@ from torch import nn
 from sb3_guide.policies.interventions import Intervention
 from sb3_guide.policies.memory import State
 from sb3_guide.policies.networks import AgentNetwork, GuideNetwork, Latent
+from sb3_guide.policies.picture import check_spaces
 from sb3_guide.policies.sequences import Observations
 
 TWO_LAYERS = {"pi": [64], "vf": [64]}  # one hidden layer and SB3's linear head: the paper's two-layered policy module
@@ -55,7 +56,7 @@ class AgentPolicy(ActorCriticPolicy):
     """
     Actor-critic policy on one of the three networks, which SB3 calls as its features extractor.
 
-    :param observation_space: of a GuideGrid level
+    :param observation_space: "image" of cells or pixels and, where they exist, "mission" (tokens) and "history"
     :param action_space: Discrete
     :param lr_schedule: as in SB3
     :param net_arch: layers between latent and heads, as in SB3; one layer of 64 for each by default
@@ -63,6 +64,7 @@ class AgentPolicy(ActorCriticPolicy):
     :param network_kwargs: sizes and message shape, as the network's constructor names them
     :param agent_kwargs: what a constructor of a subclass was called with beyond SB3's own arguments
     :param kwargs: as in SB3's ``ActorCriticPolicy``
+    :raises ValueError: if an agent can't see or act there
     """
 
     network_class: ClassVar[type[AgentNetwork]]
@@ -80,9 +82,11 @@ class AgentPolicy(ActorCriticPolicy):
         agent_kwargs: dict[str, Any],
         **kwargs: Any,
     ) -> None:
+        check_spaces(observation_space, action_space)
         self.agent_kwargs = agent_kwargs
         if optimizer_kwargs is None and kwargs.get("optimizer_class", th.optim.Adam) is th.optim.Adam:
             optimizer_kwargs = {"eps": 1e-5, "fused": True}
+        kwargs = {**kwargs, "normalize_images": False}  # networks do it themselves, for they see images on other ways too
         super().__init__(
             observation_space,
             action_space,

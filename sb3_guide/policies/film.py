@@ -1,17 +1,22 @@
 """Observation and instruction become one vector: instruction GRU, convolution, FiLM (Perez et al. 2018)."""
 
+import math
+
 import torch as th
 from gymnasium import spaces
+from stable_baselines3.common.preprocessing import is_image_space
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
+from sb3_guide.policies.picture import Picture, picture_of, words_of
 from sb3_guide.policies.products import transform, transform_looked_up
 from sb3_guide.policies.sequences import Observations, Sequences, distinct, frames
 from sb3_guide.policies.sizes import Size, size_of
 
-VIEW = 7  # cells on a side of the agent's view
-CHANNELS = 3  # type, colour and state of a cell
-CELL_VALUES = 11  # values that each of the three can take
+KINDS = 4096  # of cells, up to which each that there may be has an embedding of its own
+SMALLEST = 8  # pixels on a side, to which convolutions reduce pictures
+PIXEL_CHANNELS = (16, 32)  # after the first convolution, and after all others
+PICTURES_AT_ONCE = 1024  # bounds the memory that whole sets of episodes take
 
 
 class InstructionEncoder(nn.Module):
@@ -29,7 +34,7 @@ class InstructionEncoder(nn.Module):
 
     def forward(self, missions: th.Tensor) -> th.Tensor:
         """
-        :param missions: (N, 72) word ids
+        :param missions: (N, words) word ids
         :return: (N, instruction)
         """
         lengths = missions.count_nonzero(dim=1).clamp(min=1)
@@ -69,65 +74,134 @@ class FiLM(nn.Module):
         return th.addcmul(self.beta(y).unsqueeze(1), self.gamma(y).unsqueeze(1), x)
 
 
-class CompactVision(nn.Module):
+class Vision(nn.Module):
     """
-    An embedding for each cell, FiLM twice, one convolution over the whole view, FiLM: what two CPU cores train well. A cell is
-    embedded as the sum of its type, colour and state, which is how missions speak of it, and of the three together. It takes
-    two layers to tell that a cell is of the type and of the colour that the mission names. Layer normalisation bounds what
-    FiLM and memory get: without it, a step of Adam on a kernel of this size saturates the memory for good.
-
-    :param size: widths
+    One convolution over a whole view of features, FiLM. Layer normalisation bounds what FiLM and memory get: without it, a
+    step of Adam on a kernel of this size saturates the memory for good.
     """
 
-    place_value: th.Tensor  # (3,) of type, colour and state in the number of a cell
-
-    def __init__(self, size: Size) -> None:
-        super().__init__()
-        self.parts = nn.ModuleList(nn.Embedding(CELL_VALUES, size.cell) for _ in range(CHANNELS))
-        self.whole = nn.Embedding(CELL_VALUES**CHANNELS, size.cell)
-        self.film_cells = FiLM(size.instruction, size.cell)
-        self.mix = nn.Linear(size.cell, size.view)
-        self.film_mixed = FiLM(size.instruction, size.view)
-        self.convolution = nn.Linear(VIEW * VIEW * size.view, size.image)  # the kernel is as large as the view
+    def _look(self, features: int, size: Size) -> None:
+        """
+        :param features: of an image, all of its places together
+        :param size: widths
+        """
+        self.convolution = nn.Linear(features, size.image)  # the kernel is as large as the view
         self.normalise = nn.LayerNorm(size.image, elementwise_affine=False)
         self.film_view = FiLM(size.instruction, size.image)
         self.out = nn.Linear(size.image, size.image)
-        self.register_buffer("place_value", CELL_VALUES ** th.arange(CHANNELS).flip(0), persistent=False)
 
     def forward(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
         """
-        :param images: (N, 7, 7, 3)
+        :param images: (N, height, width, channels)
         :param instructions: (M, instruction)
         :param row: (N,) which instruction belongs to each image
         :return: (N, image)
         """
-        table, cells = self.modulated_cells(images, instructions, row)
-        view = transform_looked_up(table, cells, self.convolution.weight, self.convolution.bias)
-        view = self.film_view(self.normalise(view), instructions, row).relu()
+        view = self.film_view(self.normalise(self.whole_view(images, instructions, row)), instructions, row).relu()
         return self.normalise(transform(view, self.out.weight, self.out.bias))
 
-    def modulated_cells(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> tuple[th.Tensor, th.Tensor]:
+    def whole_view(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
+        """:return: (N, image) the convolution over all features of every image"""
+        raise NotImplementedError
+
+
+class CompactVision(Vision):
+    """
+    An embedding for each cell, FiLM twice, one convolution over the whole view, FiLM: what two CPU cores train well. A cell is
+    embedded as the sum of its channels, such as type, colour and state, which is how missions speak of it, and, where there
+    are not too many kinds, of all of them together. It takes two layers to tell that a cell is of the type and of the colour
+    that the mission names.
+
+    :param size: widths
+    :param picture: form of the images
+    """
+
+    place_value: th.Tensor  # (channels,) of each in the number of a cell
+    base: th.Tensor  # (channels,) how many values each has
+
+    def __init__(self, size: Size, picture: Picture) -> None:
+        super().__init__()
+        values, kinds = cells_of(picture), math.prod(cells_of(picture))
+        self.parts = nn.ModuleList(nn.Embedding(count, size.cell) for count in values)
+        self.whole = nn.Embedding(kinds, size.cell) if kinds <= KINDS else None
+        self.film_cells = FiLM(size.instruction, size.cell)
+        self.mix = nn.Linear(size.cell, size.view)
+        self.film_mixed = FiLM(size.instruction, size.view)
+        self._look(picture.height * picture.width * size.view, size)
+        if self.whole is not None:
+            place_value = [math.prod(values[channel + 1 :]) for channel in range(len(values))]
+            self.register_buffer("place_value", th.tensor(place_value), persistent=False)
+            self.register_buffer("base", th.tensor(values), persistent=False)
+
+    def whole_view(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
+        cells = images.flatten(1, 2).long()  # (N, cells, channels)
+        weight, bias = self.convolution.parameters()
+        if self.whole is None:
+            return transform(self.modulated_each(cells, instructions, row).flatten(1), weight, bias)
+        numbers = (cells * self.place_value).sum(dim=-1)
+        return transform_looked_up(*self.modulated_kinds(numbers, self.whole, instructions, row), weight, bias)
+
+    def modulated_kinds(
+        self, cells: th.Tensor, whole: nn.Embedding, instructions: th.Tensor, row: th.Tensor
+    ) -> tuple[th.Tensor, th.Tensor]:
         """
         Few kinds of cells occur, so each is modulated once by each instruction, to be looked up after that.
 
-        :return: a table of modulated cells (R, view), and which of its rows each cell of each image is (N, 49)
+        :param cells: (N, cells) the channels of each as one number
+        :param whole: embedding of that
+        :return: a table of modulated cells (R, view), and which of its rows each cell of each image is (N, cells)
         """
-        cells = (images.flatten(1, 2).long() * self.place_value).sum(dim=-1)  # (N, 49)
-        occurs = th.zeros(self.whole.num_embeddings, dtype=th.bool, device=cells.device)
+        occurs = th.zeros(whole.num_embeddings, dtype=th.bool, device=cells.device)
         occurs[cells.flatten()] = True
         kinds = occurs.nonzero().squeeze(1)  # (U,)
-        cell = self.film_cells.all_pairs(self.embed(kinds), instructions).relu_()  # (M, U, cell)
+        embedded = whole(kinds) + self.embed(kinds.unsqueeze(1) // self.place_value % self.base)
+        cell = self.film_cells.all_pairs(embedded, instructions).relu_()  # (M, U, cell)
         table = self.film_mixed.all_pairs(self.mix(cell), instructions).relu_()  # (M, U, view)
         return table.flatten(0, 1), row.unsqueeze(1) * len(kinds) + (occurs.cumsum(0) - 1)[cells]
 
+    def modulated_each(self, cells: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
+        """
+        Nearly every cell may be of a kind of its own.
+
+        :param cells: (N, cells, channels)
+        :return: (N, cells, view)
+        """
+        cell = self.film_cells(self.embed(cells), instructions, row).relu_()
+        return self.film_mixed(self.mix(cell), instructions, row).relu_()
+
     def embed(self, cells: th.Tensor) -> th.Tensor:
         """
-        :param cells: (U,) type, colour and state as one number
-        :return: (U, cell)
+        :param cells: (..., channels)
+        :return: (..., cell) the sum of the channels' embeddings
         """
-        digits = cells.unsqueeze(1) // self.place_value % CELL_VALUES  # (U, 3)
-        parts = [part(digit) for part, digit in zip(self.parts, digits.unbind(dim=1), strict=True)]
-        return self.whole(cells) + sum(parts)
+        return sum(part(value) for part, value in zip(self.parts, cells.unbind(dim=-1), strict=True))  # type: ignore[return-value]
+
+
+class PixelVision(Vision):
+    """
+    Convolutions that halve a picture until it is small, FiLM, one convolution over all that is left, FiLM.
+
+    :param size: widths
+    :param picture: form of the images
+    """
+
+    def __init__(self, size: Size, picture: Picture) -> None:
+        super().__init__()
+        self.scale = picture.scale
+        layers: list[nn.Module] = []
+        height, width, channels = picture.height, picture.width, picture.channels
+        while not layers or max(height, width) > SMALLEST:
+            out = PIXEL_CHANNELS[min(len(layers), 1)]
+            layers += [nn.Conv2d(channels, out, 3, stride=2, padding=1), nn.ReLU()]
+            height, width, channels = (height + 1) // 2, (width + 1) // 2, out
+        self.stem = nn.Sequential(*layers[:-1])
+        self.film_stem = FiLM(size.instruction, channels)
+        self._look(height * width * channels, size)
+
+    def whole_view(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
+        parts = [self.stem(part.movedim(-1, 1).float() / self.scale) for part in images.split(PICTURES_AT_ONCE)]
+        features = self.film_stem(th.cat(parts).movedim(1, -1), instructions, row).relu_()  # (N, height, width, channels)
+        return transform(features.flatten(1), self.convolution.weight, self.convolution.bias)
 
 
 class FiLMBlock(nn.Module):
@@ -162,13 +236,17 @@ class PaperVision(nn.Module):
     without its batch normalisation: PPO needs the same function while it collects and while it trains.
 
     :param size: widths
+    :param picture: form of the images
+    :raises ValueError: if they are too small to be pooled twice
     """
 
-    def __init__(self, size: Size) -> None:
+    def __init__(self, size: Size, picture: Picture) -> None:
         super().__init__()
+        if min(picture.height, picture.width) < 3:
+            raise ValueError(f"size='paper' pools images of {picture.height} x {picture.width} away: expected 3 x 3 and more")
         pool = nn.MaxPool2d(2)
         self.stem = nn.Sequential(
-            nn.Conv2d(CHANNELS, size.cell, 2, padding=1),  # 7x7 -> 8x8
+            nn.Conv2d(len(cells_of(picture)), size.cell, 2, padding=1),  # 7x7 -> 8x8
             nn.ReLU(),
             pool,
             nn.Conv2d(size.cell, size.cell, 3, padding=1),  # 4x4
@@ -177,11 +255,11 @@ class PaperVision(nn.Module):
         )
         widths = ((size.cell, size.view), (size.view, size.image))
         self.blocks = nn.ModuleList(FiLMBlock(size.instruction, *channels) for channels in widths)
-        self.pool = pool
+        self.pool = nn.AdaptiveMaxPool2d(1)
 
     def forward(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
         """
-        :param images: (N, 7, 7, 3)
+        :param images: (N, height, width, channels)
         :param instructions: (M, instruction)
         :param row: (N,) which instruction belongs to each image
         :return: (N, image)
@@ -192,31 +270,38 @@ class PaperVision(nn.Module):
         return self.pool(x).flatten(1)
 
 
-VISIONS: dict[str, type[nn.Module]] = {"compact": CompactVision, "paper": PaperVision}
+def cells_of(picture: Picture) -> tuple[int, ...]:
+    """:return: how many values each channel of a cell can take"""
+    assert picture.values is not None
+    return picture.values
 
 
 class FiLMExtractor(BaseFeaturesExtractor):
     """
-    FiLM-based features extractor for levels with missions; works in SB3's ``MultiInputPolicy`` too, where it sees the
-    present image only.
+    FiLM-based features extractor for images and missions; works in SB3's ``MultiInputPolicy`` too, where it sees the present
+    image only.
 
-    :param observation_space: with "image" (7, 7, 3) and "mission" (72,)
-    :param size: "compact" or "paper" (Table A.2)
+    :param observation_space: with "image" and, where there are missions, "mission"
+    :param size: "compact" or "paper" (Table A.2); pixels are looked at in the same way by both
+    :raises ValueError: if there is no image that can be seen
     """
 
     def __init__(self, observation_space: spaces.Dict, size: str = "compact") -> None:
         widths = size_of(size)
         super().__init__(observation_space, features_dim=widths.image)
-        mission = observation_space["mission"]
-        assert isinstance(mission, spaces.Box)
-        self.instruction = InstructionEncoder(int(mission.high.max()) + 1, widths)
-        self.vision = VISIONS[size](widths)
+        self.picture = picture_of(observation_space)
+        self.normalised_by_sb3 = is_image_space(observation_space["image"])
+        self.instruction = InstructionEncoder(words_of(observation_space), widths)
+        vision = PixelVision if self.picture.values is None else VISIONS[size]
+        self.vision = vision(widths, self.picture)
 
     def forward(self, observations: Observations) -> th.Tensor:
         """
-        :param observations: "image" (N, 7, 7, 3) and "mission" (N, 72)
+        :param observations: as SB3's policies preprocess them, "image" (N, ...) and "mission" (N, words)
         :return: (N, features_dim)
         """
+        if self.normalised_by_sb3:
+            observations = {**observations, "image": (observations["image"] * 255).round()}
         features, position = self.encode(frames(observations))
         return features[position]
 
@@ -231,5 +316,15 @@ class FiLMExtractor(BaseFeaturesExtractor):
         representatives, kind = distinct(missions)
         instructions = self.instruction(missions[representatives].long())
         mission_of_image = kind.repeat_interleave(lengths)
-        shown, position = distinct(th.cat([images.flatten(1), mission_of_image.unsqueeze(1)], dim=1))
-        return self.vision(images[shown], instructions, mission_of_image[shown]), position
+        looks = images.flatten(1) if self.picture.values is not None else distinct(bits(images))[1].unsqueeze(1)
+        shown, position = distinct(th.cat([looks, mission_of_image.unsqueeze(1)], dim=1))
+        seen = images[shown].movedim(1, -1) if self.picture.channels_first else images[shown]
+        return self.vision(seen, instructions, mission_of_image[shown]), position
+
+
+def bits(images: th.Tensor) -> th.Tensor:
+    """:return: (N, D) integers that are equal where images are, whose values may be fractions"""
+    return images.flatten(1).float().view(th.int32) if images.is_floating_point() else images.flatten(1)
+
+
+VISIONS: dict[str, type[CompactVision | PaperVision]] = {"compact": CompactVision, "paper": PaperVision}  # of cells

@@ -15,7 +15,7 @@ from sb3_guide.policies.base import AgentPolicy
 from sb3_guide.policies.interventions import Scene
 from sb3_guide.policies.memory import State, scene_of
 from sb3_guide.policies.networks import Latent
-from sb3_guide.policies.sequences import Observations, Sequences, frames
+from sb3_guide.policies.sequences import Observations, frames, unpadded
 
 
 class StateShape(nn.Module):
@@ -70,10 +70,7 @@ class CarriedMemory(AgentPolicy, RecurrentActorCriticPolicy):
         :return: latent of n_seq * T steps
         """
         n_seq = state[0].shape[1]
-        images = obs["image"].unflatten(0, (n_seq, -1))  # (n_seq, T, 7, 7, 3)
-        valid = images.flatten(2).ne(0).any(dim=-1)
-        missions = obs["mission"].unflatten(0, (n_seq, -1))[:, 0]
-        sequences = Sequences(images[valid], missions, valid.sum(dim=1))
+        sequences, valid = unpadded(obs, n_seq)
         before = started_anew(state, episode_starts.view(n_seq, -1)[:, 0])
         remembered = self.network.remember(sequences, before)
         memory = remembered.new_zeros(valid.numel(), remembered.shape[1])

@@ -11,7 +11,7 @@ from torch import nn
 from sb3_guide.envs import ACTIONS, observation_space
 from sb3_guide.policies.agents import GuideAgent, LearnerAgent
 from sb3_guide.policies.base import AgentPolicy
-from sb3_guide.policies.folder import Description, package_versions, read_agent, write_agent
+from sb3_guide.policies.folder import Description, actions_of, described, package_versions, read_agent, space_of, write_agent
 from sb3_guide.policies.pretrained import within
 from sb3_guide.policies.recurrent import RecurrentGuidedLearnerPolicy, RecurrentGuidePolicy, RecurrentLearnerPolicy
 from sb3_guide.policies.sequences import history_of
@@ -60,7 +60,16 @@ def save_agent(policy: AgentPolicy, folder: str | Path, level: str | None = None
         "net_arch": policy.net_arch,
         "activation_fn": policy.activation_fn.__name__,
     }
-    description = Description(type(policy).__name__, kwargs, history_of(policy.observation_space), level, package_versions())
+    assert isinstance(policy.observation_space, spaces.Dict)
+    description = Description(
+        type(policy).__name__,
+        kwargs,
+        history_of(policy.observation_space),
+        level,
+        package_versions(),
+        observation_space=described(policy.observation_space),
+        actions=int(policy.action_space.n),  # type: ignore[attr-defined]
+    )
     write_agent(folder, description, weights_of(policy))
 
 
@@ -107,7 +116,7 @@ def start_from(policy: AgentPolicy, folder: str | Path) -> None:
             trunk = {name: weight for name, weight in speaker.items() if not name.startswith("decoder.")}
             policy.network.load_state_dict(trunk)
     except RuntimeError as error:
-        raise ValueError(f"{folder} holds an agent of another size ({error})") from error
+        raise ValueError(f"{folder} holds an agent of another size or observation space ({error})") from error
 
 
 def build(policy_class: type[AgentPolicy], description: Description) -> AgentPolicy:
@@ -116,9 +125,10 @@ def build(policy_class: type[AgentPolicy], description: Description) -> AgentPol
     activation = getattr(nn, kwargs.pop("activation_fn"))
     if not (inspect.isclass(activation) and issubclass(activation, nn.Module)):
         raise TypeError(f"{activation} is no activation function")
+    of_levels = observation_space(description.history)
     return policy_class(
-        observation_space(description.history),
-        spaces.Discrete(len(ACTIONS)),
+        of_levels if description.observation_space is None else space_of(description.observation_space),
+        actions_of(len(ACTIONS) if description.actions is None else description.actions),
         lambda _: 0.0,
         activation_fn=activation,
         **kwargs,

@@ -7,14 +7,15 @@ import torch as th
 from gymnasium import spaces
 
 Observations = dict[str, th.Tensor]
+LONGS_AT_ONCE = 2**24  # numbers that are hashed at once, which bounds the memory that large pictures take
 
 
 class Sequences(NamedTuple):
     """
     B sequences of K frames in all, one sequence after the other. Padding is never part of it, so no network computes on it.
 
-    :param images: (K, 7, 7, 3)
-    :param missions: (B, 72) one row a sequence
+    :param images: (K, height, width, channels), or (K, channels, height, width) as SB3 turns pictures
+    :param missions: (B, words) one row a sequence
     :param lengths: (B,) int64, every one at least 1; they add up to K
     """
 
@@ -22,30 +23,60 @@ class Sequences(NamedTuple):
     missions: th.Tensor
     lengths: th.Tensor
 
+    def to(self, device: th.device) -> "Sequences":
+        """:return: the same on a device"""
+        return Sequences(*(part.to(device) for part in self))
+
 
 def frames(observations: Observations) -> Sequences:
     """
     The present image of each world, as a sequence of its own.
 
-    :param observations: "image" (B, 7, 7, 3) and "mission" (B, 72)
+    :param observations: "image" (B, ...) and, where there are missions, "mission" (B, words)
     """
     images = observations["image"]
-    return Sequences(images, observations["mission"], th.ones(len(images), dtype=th.long, device=images.device))
+    return Sequences(images, missions_of(observations), th.ones(len(images), dtype=th.long, device=images.device))
 
 
 def windows(observations: Observations) -> Sequences:
     """
-    The frames that a window policy remembers: history, then the present image. Frames before the episode began are all
-    zeros, which no real image is.
+    The frames that a window policy remembers: history, then the present image. The history of an episode that has just begun
+    starts with zeros; blank images that an environment shows before anything else are left out with them.
 
-    :param observations: "image" (B, 7, 7, 3), "mission" (B, 72) and, where the level keeps one, "history" (B, n, 7, 7, 3)
+    :param observations: "image" (B, ...), "mission" (B, words) and, where the environment keeps one, "history" (B, n, ...)
     """
     images = observations["image"].unsqueeze(1)
     if "history" in observations:
-        images = th.cat([observations["history"], images], dim=1)
-    began = images.flatten(2).ne(0).any(dim=-1)  # (B, n + 1)
+        history = observations["history"]
+        if history.shape[2:] != images.shape[2:]:
+            history = history.movedim(-1, 2)  # SB3 turns a picture to have its channels first, but not the pictures before it
+        images = th.cat([history, images], dim=1)
+    shows = images.flatten(2).ne(0).any(dim=-1)  # (B, n + 1)
+    began = shows.cumsum(dim=1) > 0
     began[:, -1] = True
-    return Sequences(images[began], observations["mission"], began.sum(dim=1))
+    return Sequences(images[began], missions_of(observations), began.sum(dim=1))
+
+
+def unpadded(observations: Observations, n_seq: int) -> tuple[Sequences, th.Tensor]:
+    """
+    Sequences as RecurrentPPO pads them, with zeros at their ends. Padding has no mission, by which it is told from frames.
+    Where there are no missions, or an empty one, it is not: then it counts as frames, which costs time and changes nothing,
+    as nothing follows it and RecurrentPPO ignores what becomes of it.
+
+    :param observations: of n_seq sequences of T steps each, flattened
+    :param n_seq: how many sequences
+    :return: the sequences, and (n_seq, T) bool, which steps are theirs
+    """
+    images, missions = (part.unflatten(0, (n_seq, -1)) for part in (observations["image"], missions_of(observations)))
+    speaks = missions.ne(0).any(dim=-1)  # (n_seq, T)
+    valid = speaks | ~speaks[:, :1]
+    return Sequences(images[valid], missions[:, 0], valid.sum(dim=1)), valid
+
+
+def missions_of(observations: Observations) -> th.Tensor:
+    """:return: (B, words), a single word of padding where there are no missions"""
+    images = observations["image"]
+    return observations.get("mission", images.new_zeros(len(images), 1))
 
 
 def distinct(rows: th.Tensor) -> tuple[th.Tensor, th.Tensor]:
@@ -56,7 +87,9 @@ def distinct(rows: th.Tensor) -> tuple[th.Tensor, th.Tensor]:
     :param rows: (N, D) of any integral values
     :return: index of one representative a distinct row (U,), and for every row the position of its representative (N,)
     """
-    _, inverse = th.unique((rows.long() * hash_weights(rows.shape[1], rows.device)).sum(dim=1), return_inverse=True)
+    weights, at_once = hash_weights(rows.shape[1], rows.device), max(1, LONGS_AT_ONCE // rows.shape[1])
+    hashes = th.cat([(part.long() * weights).sum(dim=1) for part in rows.split(at_once)])
+    _, inverse = th.unique(hashes, return_inverse=True)
     first = th.empty(int(inverse.max()) + 1, dtype=th.long, device=rows.device)
     first[inverse] = th.arange(len(rows), device=rows.device)
     return first, inverse

@@ -66,7 +66,8 @@ class ThroughTime(th.autograd.Function):
     def backward(ctx: Any, grad: th.Tensor) -> tuple[th.Tensor | None, ...]:  # type: ignore[override]
         features, position, frame, order, gates, cells, h_before, c_before, input_weight, weight = ctx.saved_tensors
         counts, grad = ctx.counts, grad[frame]
-        recurrent, through = weight.to(ROUNDED), th.empty_like(gates)
+        recurrent = weight.to(ROUNDED).t().contiguous().t()  # a few rows times this layout is three times as fast
+        through = th.empty_like(gates)
         dh, dc = grad.new_zeros(len(order), weight.shape[1]), grad.new_zeros(len(order), weight.shape[1])
         parts = [part.split(counts) for part in (gates, cells, c_before, grad, through)]
         for now, cell, before, from_output, out in zip(*(reversed(part) for part in parts), strict=True):

@@ -87,13 +87,14 @@ def test_padded_sequences_equal_single_steps(carried_class, tmp_path):
     policy = make_policy(carried_class, **guide)
     size, steps = policy.network.state_size, 4
     images, mission = random_images(2, steps), random_missions(2)
-    images[1, 2:] = 0  # the second sequence has two steps, RecurrentPPO pads the others with zeros
+    missions = mission.repeat_interleave(steps, dim=0)
+    images[1, 2:] = missions[steps + 2 :] = 0  # the second sequence has two steps, RecurrentPPO pads the others with zeros
     start = tuple(th.randn(1, 2, size) for _ in range(2))
     starts = th.zeros(2, steps)
     starts[1, 0] = 1.0
     actions = th.arange(8) % 7
     with th.no_grad():
-        obs = {"image": images.flatten(0, 1), "mission": mission.repeat_interleave(steps, dim=0)}
+        obs = {"image": images.flatten(0, 1), "mission": missions}
         values, log_prob, _ = policy.evaluate_actions(obs, actions, RNNStates(start, start), starts.flatten())
         state = start
         for step in range(steps):

@@ -7,7 +7,7 @@ import yaml
 from stable_baselines3.common.type_aliases import Schedule
 
 from sb3_guide.callbacks.curriculum import falling
-from sb3_guide.envs import level_of
+from sb3_guide.envs import is_level, level_of
 
 PACKAGE = Path(__file__).parents[2]
 FOLDERS = (PACKAGE / "zoo_configs", PACKAGE.parent / "zoo_configs")  # inside a wheel, beside the package in a checkout
@@ -41,7 +41,7 @@ def schedule(text: str) -> Schedule:
 def load_config(name: str, level: str, file: Path | None = None) -> dict[str, Any]:
     """
     :param name: of a packaged file, such as "ppo" or "bc"
-    :param level: whose entry to take
+    :param level: name of the level, or id of another environment, whose entry to take
     :param file: YAML in rl-zoo's format to read instead of the packaged one
     :raises FileNotFoundError: if the file does not exist
     :raises ValueError: if it is no YAML mapping or has no entry for the level
@@ -53,7 +53,7 @@ def load_config(name: str, level: str, file: Path | None = None) -> dict[str, An
         entries = yaml.safe_load(path.read_text())
     except yaml.YAMLError as error:
         raise ValueError(f"{path} is no YAML: {error}") from error
-    key = level_of(level).env_id
+    key = level_of(level).env_id if is_level(level) else level
     if not isinstance(entries, dict) or not isinstance(entries.get(key), dict):
         known = ", ".join(entries) if isinstance(entries, dict) else "none"
         raise ValueError(f"{path} has no entry {key}: it has {known}; add one or pass another file with --config")

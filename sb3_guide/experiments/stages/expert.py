@@ -6,9 +6,10 @@ from typing import Any
 from sb3_contrib import RecurrentPPO
 from stable_baselines3 import A2C, PPO
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
-from stable_baselines3.common.vec_env import VecMonitor
+from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 from tqdm import tqdm
 
 from sb3_guide.callbacks import (
@@ -21,8 +22,9 @@ from sb3_guide.callbacks import (
 )
 from sb3_guide.callbacks.checkpoint import load_state
 from sb3_guide.callbacks.success import EpisodeSuccesses
-from sb3_guide.envs import GuideGridVecEnv, level_of
+from sb3_guide.envs import GuideGridVecEnv, is_level, level_of
 from sb3_guide.experiments.stages.configs import algorithm_arguments, load_config
+from sb3_guide.experiments.stages.levels import environment
 from sb3_guide.experiments.stages.runs import TableWriter, plain_values, stage, use_threads
 from sb3_guide.policies import AgentPolicy, load_agent, save_agent
 from sb3_guide.policies.agents import GuideAgent, GuidedLearnerAgent, LearnerAgent
@@ -46,11 +48,11 @@ def train_expert(
     renew: bool = False,
 ) -> None:
     """
-    :param level: name of the level
+    :param level: see :func:`~sb3_guide.experiments.stages.levels.environment`
     :param out: folder of the agent
     :param seed: of weights, worlds and sampling
     :param threads: of torch
-    :param resume: go on from the last checkpoint of a killed run
+    :param resume: go on from the last checkpoint of a killed run, or, outside of our levels, begin anew
     :param config_file: YAML in rl-zoo's format; None takes the algorithm's in zoo_configs/
     :param init: folder of an agent of the same kind whose weights to start from, whichever way its memory was fed;
         None starts from fresh ones
@@ -58,7 +60,7 @@ def train_expert(
     :param renew: as resume; and delete a run of other settings
     :raises ValueError: if an argument is out of range or the folder holds another run
     """
-    level = level_of(level).name
+    level = environment(level)
     if algo not in ALGORITHMS:
         raise ValueError(f"algo={algo!r} is unknown: expected one of {', '.join(ALGORITHMS)}")
     config = load_config(algo, level, config_file)
@@ -87,9 +89,10 @@ def train_expert(
             watchers,
             lambda: {"rows": rows, "logged": plain_values(logger.name_to_value), "seconds": run.seconds},
         )
+        kept = [keep] if is_level(level) else []  # the state of other worlds can't be stored
         model.learn(
             config["n_timesteps"] - model.num_timesteps,
-            callback=[*callbacks, keep, Progress(level, config["n_timesteps"])],
+            callback=[*callbacks, *kept, Progress(level, config["n_timesteps"])],
             reset_num_timesteps=model.num_timesteps == 0,
         )
         save_agent(model.policy, out, level)
@@ -104,9 +107,13 @@ def build(algorithm: type[OnPolicyAlgorithm], level: str, seed: int, config: dic
     :param config: the level's entry in rl-zoo's format
     :return: a model in its worlds, not yet trained
     """
-    without_window = {"history": 0} if algorithm is RecurrentPPO else {}  # the memory holds what the window would
-    env_kwargs = {**without_window, **config.get("env_kwargs", {})}
-    venv = VecMonitor(GuideGridVecEnv(level_of(level).env_id, config["n_envs"], **env_kwargs))
+    without_window = {"history": 0} if algorithm is RecurrentPPO and is_level(level) else {}  # memory holds what it would
+    n_envs, env_kwargs = config["n_envs"], {**without_window, **config.get("env_kwargs", {})}
+    venv: VecEnv = (
+        VecMonitor(GuideGridVecEnv(level_of(level).env_id, n_envs, **env_kwargs))
+        if is_level(level)
+        else make_vec_env(level, n_envs, env_kwargs=env_kwargs)
+    )
     return algorithm(config["policy"], venv, seed=seed, **algorithm_arguments(config))
 
 

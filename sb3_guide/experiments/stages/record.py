@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from sb3_guide.cloning import Demonstrations, mission_seeds, play, save_demonstrations
 from sb3_guide.cloning.episodes import Episodes, concatenate
-from sb3_guide.envs import level_of
+from sb3_guide.experiments.stages.levels import environment
 from sb3_guide.experiments.stages.runs import record, use_threads
 from sb3_guide.files import write_json
 from sb3_guide.policies import AgentPolicy, load_agent
@@ -24,7 +24,7 @@ def record_demonstrations(level: str, expert: Path, split: str, n_episodes: int,
     """
     Play missions until enough of them have succeeded, and keep these.
 
-    :param level: name of the level
+    :param level: see :func:`~sb3_guide.experiments.stages.levels.environment`
     :param expert: folder of a Learner
     :param split: "train", "validation" or "analysis"
     :param n_episodes: to be kept
@@ -32,7 +32,7 @@ def record_demonstrations(level: str, expert: Path, split: str, n_episodes: int,
     :param threads: of torch
     :raises ValueError: if the expert fails most missions, or an argument is out of range
     """
-    level = level_of(level).name
+    level = environment(level)
     mission_seeds(split, n_episodes)  # complains before anything is loaded
     use_threads(threads)
     started = time.monotonic()

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 
 from sb3_guide.cloning import mission_seeds
-from sb3_guide.envs import ACTIONS, GuideGridEnv, level_of
+from sb3_guide.envs import ACTIONS, GuideGridEnv, is_level
+from sb3_guide.experiments.stages.levels import level_of_agent
 from sb3_guide.experiments.stages.runs import record, use_threads
 from sb3_guide.files import write_json
-from sb3_guide.language import CHOREOGRAPHIES, Dictionary, learn, obey, perform, read, steps_of
+from sb3_guide.language import CHOREOGRAPHIES, Dictionary, danced, learn, obey, perform, read, steps_of
 from sb3_guide.language.pictures import save_figure, walk_figure
 from sb3_guide.metrics import obedience
 from sb3_guide.policies import AgentPolicy, load_agent
-from sb3_guide.policies.folder import read_agent
 
 LEARNED_ON = 500  # missions of the validation split
 WORLDS = 50  # missions on which ten messages each are told
@@ -36,7 +36,7 @@ def speak_to(
     Learn an agent's dictionary, and tell it what to do; without anything to tell, the dictionary alone.
 
     :param agent: folder of an agent with a channel
-    :param level: name of the level; None takes the one that the agent was trained on
+    :param level: see :func:`~sb3_guide.experiments.stages.levels.environment`; None takes the agent's own
     :param say: actions or messages, one after the other
     :param choreography: "pirouette", "waltz" or a text file with actions or messages
     :param measure: tell it 500 random messages that mean something, and count how many are obeyed
@@ -44,18 +44,20 @@ def speak_to(
     :param seed: of the mission and of the random messages
     :param threads: of torch
     :raises FileNotFoundError: if there is no such choreography
-    :raises ValueError: if the agent has no channel or no word for something, or a step is unknown
+    :raises ValueError: if the agent has no channel, is of another level or has no word for something, or a step is unknown
     """
     use_threads(threads)
     started = time.monotonic()
-    policy, level = load_agent(agent), level_of(level or str(read_agent(agent)[0].level)).name
+    level, policy = level_of_agent(agent, level), load_agent(agent)
     dictionary = learn(read(policy, level, mission_seeds("validation", LEARNED_ON)))
     print(in_words(dictionary))
     found: dict[str, Any] = {"dictionary": entries(dictionary)}
     script = ", ".join(say) if say else None if choreography is None else text_of(choreography, dictionary)
+    told = [] if script is None else steps_of(script, dictionary)
     out.mkdir(parents=True, exist_ok=True)
-    if script is not None:
-        found["walk"] = walk(policy, level, steps_of(script, dictionary), dictionary, seed, out / "walk.png")
+    if told:
+        walk = walk_in_level if is_level(level) else walk_elsewhere
+        found["walk"] = walk(policy, level, told, dictionary, seed, out)
     if measure:
         found["obedience"] = measured(policy, level, dictionary, seed)
     settings = {"level": level, "folder": str(agent), "seed": seed, "threads": threads}
@@ -68,7 +70,7 @@ def entries(dictionary: Dictionary) -> list[dict[str, Any]]:
     return [
         {
             "message": dictionary.shape.names()[message],
-            "action": ACTIONS[dictionary.counts[message].argmax()],
+            "action": dictionary.actions[dictionary.counts[message].argmax()],
             "probability": float(dictionary.counts[message].max() / frames[message]),
             "frames": int(frames[message]),
             "means_it": bool(meanings[message] >= 0),
@@ -89,15 +91,12 @@ def in_words(dictionary: Dictionary) -> str:
 
 def text_of(choreography: str, dictionary: Dictionary) -> str:
     """
-    :param choreography: name of one of ours, which turns to the left where the agent only has a word for that side, or path
-        of a text file
+    :param choreography: name of one of ours, or path of a text file
     :param dictionary: of the agent
     :raises FileNotFoundError: if it is neither
     """
     if choreography in CHOREOGRAPHIES:
-        left, right = (ACTIONS.index(side) in dictionary.meanings for side in ("left", "right"))
-        steps = CHOREOGRAPHIES[choreography]
-        return ", ".join("left" if step == "right" and left and not right else step for step in steps)
+        return danced(choreography, dictionary)
     if not Path(choreography).is_file():
         raise FileNotFoundError(
             f"there is no choreography {choreography!r}: expected {', '.join(CHOREOGRAPHIES)}, or a text file with an action "
@@ -106,11 +105,13 @@ def text_of(choreography: str, dictionary: Dictionary) -> str:
     return Path(choreography).read_text(encoding="utf-8")
 
 
-def walk(policy: AgentPolicy, level: str, told: list[int], dictionary: Dictionary, seed: int, path: Path) -> dict[str, Any]:
+def walk_in_level(
+    policy: AgentPolicy, level: str, told: list[int], dictionary: Dictionary, seed: int, out: Path
+) -> dict[str, Any]:
     """
     :param told: index of the message at each step
     :param seed: which of the missions where the choreography can be danced
-    :param path: of the picture
+    :param out: folder of the picture
     :return: what was told, meant and done
     """
     meant = dictionary.meanings[told]
@@ -119,22 +120,48 @@ def walk(policy: AgentPolicy, level: str, told: list[int], dictionary: Dictionar
     env = GuideGridEnv(level, render_mode="rgb_array")
     env.reset(seed=mission)
     grid, cells = env.render(), [(*env.agent_pos, env.agent_dir)]
-    lines = []
-    for message, intended, action in zip(told, meant, taken, strict=True):
+    for action in taken:
         ended = env.step(action)[2]
         cells.append((*env.agent_pos, env.agent_dir))
-        wanted = ACTIONS[intended] if intended >= 0 else "?"
-        lines.append(f"{dictionary.shape.names()[message]} ({wanted}): {ACTIONS[action]}")
         if ended:
             break
+    lines = protocol(told, taken[: len(cells) - 1], dictionary)
     print("\n".join(lines))
-    save_figure(walk_figure(grid, np.array(cells), lines), path)
+    save_figure(walk_figure(grid, np.array(cells), lines), out / "walk.png")
+    return {"mission": env.mission, **account(mission, told, taken[: len(lines)], dictionary)}
+
+
+def walk_elsewhere(
+    policy: AgentPolicy, level: str, told: list[int], dictionary: Dictionary, seed: int, out: Path
+) -> dict[str, Any]:
+    """As :func:`walk_in_level`, where nothing is known of walls and ways: on any mission, without a picture."""
+    mission = int(mission_seeds("analysis", 1, skip=seed)[0])
+    taken = perform(policy, level, np.array([mission]), np.array(told)[:, None]).taken[:, 0]
+    print("\n".join(protocol(told, taken, dictionary)))
+    return account(mission, told, taken, dictionary)
+
+
+def protocol(told: Sequence[int], taken: np.ndarray, dictionary: Dictionary) -> list[str]:
+    """
+    :param told: index of the message at each step
+    :param taken: (T,) action at each step, which may be fewer
+    :return: for each action a line with what was told and done
+    """
+    names, actions = dictionary.shape.names(), dictionary.actions
+    meant = [actions[action] if action >= 0 else "?" for action in dictionary.meanings[list(told)]]
+    return [
+        f"{names[message]} ({wanted}): {actions[action]}" for message, wanted, action in zip(told, meant, taken, strict=False)
+    ]
+
+
+def account(mission: int, told: Sequence[int], taken: np.ndarray, dictionary: Dictionary) -> dict[str, Any]:
+    """:return: seed of the mission, and what was told, meant and done, as JSON"""
+    actions = dictionary.actions
     return {
-        "mission": env.mission,
         "mission_seed": int(mission),
         "told": [dictionary.shape.names()[message] for message in told],
-        "meant": [ACTIONS[action] if action >= 0 else None for action in meant],
-        "taken": [ACTIONS[action] for action in taken[: len(lines)]],
+        "meant": [actions[action] if action >= 0 else None for action in dictionary.meanings[list(told)]],
+        "taken": [actions[action] for action in taken],
     }
 
 
@@ -164,7 +191,16 @@ def measured(policy: AgentPolicy, level: str, dictionary: Dictionary, seed: int)
     """:return: obedience on missions that the dictionary does not know, raw, corrected for chance, and by action"""
     meant, taken = obey(policy, level, dictionary, mission_seeds("analysis", WORLDS), np.random.default_rng(seed))
     raw, corrected = obedience(meant, taken)
-    by_action = {ACTIONS[action]: float((taken[meant == action] == action).mean()) for action in np.unique(meant)}
-    print(f"obeyed {raw:.1%} of {len(meant)} messages, {corrected:.1%} beyond chance")
+    names = dictionary.actions
+    by_action = {names[action]: float((taken[meant == action] == action).mean()) for action in np.unique(meant)}
+    beyond = (
+        "as it only ever took one action, chance would do as well" if np.isnan(corrected) else f"{corrected:.1%} beyond chance"
+    )
+    print(f"obeyed {raw:.1%} of {len(meant)} messages; {beyond}")
     print("\n".join(f"  {action:8} {rate:.1%}" for action, rate in by_action.items()))
-    return {"messages": len(meant), "raw": raw, "corrected": corrected, "by_action": by_action}
+    return {
+        "messages": len(meant),
+        "raw": raw,
+        "corrected": None if np.isnan(corrected) else corrected,
+        "by_action": by_action,
+    }

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 import torch as th
 import yaml
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from sb3_guide.cloning import load_demonstrations, save_demonstrations
 from sb3_guide.experiments.stages import record
@@ -171,7 +172,7 @@ def test_stage_two_and_three(demos, tmp_path):
     shared = {"level": "GoToObj", "demos": [demos], "seed": 0, "threads": 1, "resume": False, "config_file": config}
     guide = str(tmp_path / "guide")
     clone("learner", out=tmp_path / "learner", **shared)
-    clone("guide", out=tmp_path / "guide", **shared)
+    clone("guide", out=tmp_path / "guide", tensorboard=True, **shared)
     clone("guided", out=tmp_path / "guided", guide=guide, **shared)
     clone("guided", out=tmp_path / "frozen", guide=guide, freeze_guide=True, **shared)
     guide = load_agent(tmp_path / "guide").channel.speaker.state_dict()
@@ -180,12 +181,16 @@ def test_stage_two_and_three(demos, tmp_path):
     assert all(th.equal(guide[name], frozen[name]) for name in guide)
     assert not all(th.equal(guide[name], tuned[name]) for name in guide)
     columns = {"epoch", "episodes", "loss", "success_rate", "mean_length", "seconds"}
-    communication = {"cic", "uniform_cic", "message_entropy"}
+    communication = {"cic", "uniform_cic", "message_entropy", "tempered_cic"}
     for agent in ("learner", "guide", "guided"):
         rows = read_table(tmp_path / agent / "progress.csv")
         assert [float(row["epoch"]) for row in rows] == [0, 0.5, 1, 2, 3]
         assert [int(row["episodes"]) for row in rows] == [0, 4, 8, 16, 24]
         assert rows[0].keys() == columns | (communication if agent != "learner" else set())
+    events = EventAccumulator(str(tmp_path / "guide" / "tensorboard"), size_guidance={"images": 0})
+    events.Reload()
+    for shown in (events.Scalars("rollout/success_rate"), events.Images("guide/actions"), events.Images("guide/episode")):
+        assert [part.step for part in shown] == [0, 1, 2, 4, 6]  # updates
 
     evaluate(tmp_path / "guided", "GoToObj", 6, tmp_path / "evaluation.json", threads=1)
     found = json.loads((tmp_path / "evaluation.json").read_text())
@@ -194,14 +199,18 @@ def test_stage_two_and_three(demos, tmp_path):
     assert found["episodes"] == 6
     assert found["low"] <= found["success_rate"] == found["successes"] / 6 <= found["high"]
 
-    analyze(tmp_path / "guided", "GoToObj", demos / "analysis.safetensors", tmp_path / "analysis", threads=1)
+    of_analysis = demos / "analysis.safetensors"
+    analyze(tmp_path / "guided", None, of_analysis, tmp_path / "guide", tmp_path / "analysis", threads=1)
     found = json.loads((tmp_path / "analysis" / "analysis.json").read_text())
     assert len(found["messages"]) == len(found["counts"]) == 9
     assert sum(map(sum, found["counts"])) == found["frames"]
-    assert 0 <= found["cic"] <= found["message_entropy"]
-    assert found["in_play"]["cic"]["low"] <= found["in_play"]["cic"]["mean"] <= found["in_play"]["cic"]["high"]
+    for measures in (found["in_play"], found["along_demonstrations"]):
+        assert 0 <= measures["cic"]["mean"] <= measures["message_entropy"]["mean"]
+        assert all(measure["low"] - 1e-6 <= measure["mean"] <= measure["high"] + 1e-6 for measure in measures.values())
+    assert found["topographic_similarity"].keys() == {"value", "low", "high", "by_chance", "p_value"}
+    assert len(found["episode"]["influence"]) == len(found["episode"]["messages"])
     assert (tmp_path / "analysis" / "episode.gif").read_bytes().startswith(b"GIF89a")
-    for name in ("actions.png", "situations.png", "cells.png"):
+    for name in ("actions.png", "situations.png", "cells.png", "change.png"):
         assert (tmp_path / "analysis" / name).read_bytes().startswith(b"\x89PNG")
     kept = json.loads((tmp_path / "guided" / "highest_cic" / "agent.json").read_text())
     assert kept == json.loads((tmp_path / "guided" / "agent.json").read_text())
@@ -271,7 +280,7 @@ def test_a_guide_by_reinforcement_learning_is_analysed(demos, tmp_path):
     config = write_config(tmp_path / "ppo.yml", PPO | {"policy": "GuidePolicy", "n_timesteps": 128, "callback": callbacks})
     train_expert("GoToObj", tmp_path / "guide", seed=0, threads=1, resume=False, config_file=config, algo="ppo")
     assert "guide/uniform_cic" in read_table(tmp_path / "guide" / "progress.csv")[-1]
-    analyze(tmp_path / "guide", "GoToObj", demos / "analysis.safetensors", tmp_path / "analysis", threads=1)
+    analyze(tmp_path / "guide", None, demos / "analysis.safetensors", None, tmp_path / "analysis", threads=1)
     found = json.loads((tmp_path / "analysis" / "analysis.json").read_text())
     assert sum(map(sum, found["counts"])) == found["frames"]
 
