@@ -29,6 +29,7 @@ ALGORITHMS = {
     A2C: {},
     RecurrentPPO: {"n_steps": 4, "batch_size": 8, "n_epochs": 2},
 }
+pytestmark = pytest.mark.filterwarnings("ignore:for .* copying from a non-meta parameter")  # it does what torch says it won't
 SEEDS = mission_seeds("validation", 3)
 
 
