@@ -55,9 +55,10 @@ class Told(gymnasium.Wrapper):
         )
 
 
-def door_key() -> gymnasium.Env:
+def door_key(render_mode: str | None = None) -> gymnasium.Env:
     """:return: DoorKey as it is registered, its mission as tokens, with three images before the present one"""
-    return HistoryWrapper(TextMissionWrapper(Told(gymnasium.make(DOOR_KEY)), vocabulary()), history=3)
+    env = Told(gymnasium.make(DOOR_KEY, render_mode=render_mode))
+    return HistoryWrapper(TextMissionWrapper(env, vocabulary()), history=3)
 
 
 class Doom(gymnasium.Wrapper):
@@ -86,12 +87,12 @@ class Doom(gymnasium.Wrapper):
         return {"image": self._image(seen["screen"])}, reward / 100, terminated and not truncated, truncated, info
 
 
-def doom() -> gymnasium.Env:
+def doom(render_mode: str | None = None) -> gymnasium.Env:
     """:return: ViZDoom's Basic, four tics an action, rendered small"""
     import vizdoom.gymnasium_wrapper  # registers it
 
     small = vizdoom.ScreenResolution.RES_160X120
-    return Doom(gymnasium.make("VizdoomBasic-v1", frame_skip=4, screen_resolution=small))
+    return Doom(gymnasium.make("VizdoomBasic-v1", frame_skip=4, screen_resolution=small, render_mode=render_mode))
 
 
 gymnasium.register("DoorKey-v0", door_key)
@@ -108,7 +109,7 @@ def stages(level: str, seeds: int, out: Path) -> None:
     :param seeds: of stages 2 and 3
     :param out: folder
     """
-    train_expert(level, out / "expert", 0, 1, resume=True, config_file=HERE / "other_envs_ppo.yml")
+    train_expert(level, out / "expert", 0, 1, resume=True, config_file=HERE / "other_envs_ppo.yml", algo="ppo")
     demos = out / "demos"
     for split, count in SPLITS.items():
         if not (demos / f"{split}.json").exists():

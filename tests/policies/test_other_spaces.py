@@ -251,7 +251,7 @@ def test_spaces_that_agents_can_not_see(members, message):
 def test_actions_that_agents_can_not_take():
     space = Signal().observation_space
     for actions in (spaces.Box(0, 1, (2,)), spaces.Discrete(3, start=1)):
-        with pytest.raises(ValueError, match="expected a Discrete space that starts at 0"):
+        with pytest.raises(ValueError, match="expected a Discrete space of at most 16384 that starts at 0"):
             LearnerPolicy(space, actions, lambda _: 1e-3)
 
 

@@ -1,5 +1,9 @@
 """Every stage in an environment that is not ours."""
 
+from unittest.mock import patch
+
+import gymnasium
+import minigrid  # noqa: F401  # registers its environments
 import numpy as np
 import pytest
 import yaml
@@ -14,9 +18,11 @@ from sb3_guide.experiments.stages.levels import environment, split_levels
 from sb3_guide.experiments.stages.record import record_demonstrations
 from sb3_guide.experiments.stages.speak import speak_to
 from sb3_guide.files import read_json
+from sb3_guide.language.animation import drawn
 from sb3_guide.policies import load_agent
 
 PICK = "tests.toys:Pick-v0"
+DOOR_KEY = "MiniGrid-DoorKey-5x5-v0"
 PPO = {"policy": "LearnerPolicy", "n_envs": 4, "n_timesteps": 64, "n_steps": 16, "batch_size": 64}
 BC = {
     "train_episodes": 200,
@@ -65,11 +71,11 @@ def test_an_expert(folder):
 
 def test_a_guide_and_what_it_says(folder, guide):
     assert read_json(guide / "evaluation.json")["success_rate"] > 0.9
-    analyze(guide, PICK, folder / "demos" / "validation.safetensors", guide / "analysis", 1, n_episodes=30)
+    analyze(guide, PICK, folder / "demos" / "validation.safetensors", None, guide / "analysis", 1, n_episodes=30)
     found = read_json(guide / "analysis" / "analysis.json")
     assert found["actions"] == ["left", "right"]
     assert np.array(found["counts"]).shape == (9, 2)
-    assert found["uniform_cic"] > 0.1
+    assert found["along_demonstrations"]["uniform_cic"]["mean"] > 0.1
     assert "situations" not in found
     assert sorted(path.name for path in (guide / "analysis").iterdir()) == ["actions.png", "analysis.json"]
     ablate_agent(guide, PICK, 30, guide / "ablation.json", 1)
@@ -106,3 +112,16 @@ def test_environments_by_name_and_package():
         environment("no_such_package:Pick-v0")
     with pytest.raises(ValueError, match="unknown environment 'Pick-v9'"):
         environment("tests.toys:Pick-v9")
+
+
+def test_what_draws_itself():
+    makers = {"Drawn-v0": lambda render_mode=None: gymnasium.make(DOOR_KEY, render_mode=render_mode)}
+    makers["Undrawn-v0"] = lambda: gymnasium.make(DOOR_KEY)
+    with patch.dict(gymnasium.registry):
+        for env_id, maker in makers.items():
+            gymnasium.register(env_id, maker)
+        env = drawn("Drawn-v0")
+        env.reset()
+        assert env.render().ndim == 3
+        assert drawn("Undrawn-v0") is None
+    assert drawn("Pick-v0") is None
