@@ -15,7 +15,7 @@ app = typer.Typer(
     "the other commands are its stages.",
 )
 
-Level = Annotated[str, typer.Option(help="Name of the level, such as GoToObj.")]
+Level = Annotated[str, typer.Option(help="Name of the level, such as GoToObj, or PACKAGE:ID of another environment.")]
 Seed = Annotated[int, typer.Option(min=0, help="Of everything that is random in this stage.")]
 Threads = Annotated[int, typer.Option(min=1, help="Of torch. Results depend on their number.")]
 Resume = Annotated[bool, typer.Option("--resume", help="Continue a run that was killed; do nothing if it has finished.")]
@@ -302,7 +302,7 @@ def main() -> None:
         app()
     except ModuleNotFoundError as error:
         sys.exit(f"sb3-guide: {error}: expected the extras too, as by pip install 'sb3-guide[imitation,experiments,minari]'")
-    except (ValueError, FileNotFoundError, RuntimeError) as error:
+    except (ValueError, OSError, RuntimeError) as error:
         sys.exit(f"sb3-guide: {error}")
 
 

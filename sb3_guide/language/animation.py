@@ -74,8 +74,12 @@ def drawn(level: str) -> gymnasium.Env | None:
     """:return: an environment that draws itself, None if it can't"""
     if is_level(level):
         return GuideGridEnv(level, render_mode="rgb_array")
-    modes = gymnasium.make(level).metadata.get("render_modes") or ()
-    return gymnasium.make(level, render_mode="rgb_array") if "rgb_array" in modes else None
+    if "rgb_array" not in (gymnasium.make(level).metadata.get("render_modes") or ()):
+        return None
+    try:
+        return gymnasium.make(level, render_mode="rgb_array")
+    except TypeError:  # what makes it takes no render mode
+        return None
 
 
 def write_animation(path: Path, frames: Sequence[np.ndarray], captions: Sequence[Caption], milliseconds: int = 500) -> None:
