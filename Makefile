@@ -2,7 +2,7 @@ PYTHON ?= python3
 RUN := .venv/bin/
 RUN_NEWEST := .venv-newest/bin/
 
-.PHONY: demo test test-newest lint clean
+.PHONY: demo test test-newest test-installed docs dist clean
 
 demo: .venv/installed  ## the paper's three stages on GoToObj, with a report at runs/demo/report.html
 	$(RUN)sb3-guide reproduce GoToObj --seeds 1 --cores 2 --out runs/demo
@@ -16,9 +16,27 @@ test: .venv/installed  ## linters and the whole test suite
 test-newest: .venv-newest/installed  ## levels, policies, metrics and callbacks on the newest SB3 and Gymnasium
 	$(RUN_NEWEST)python -m pytest -n 2 tests/envs tests/policies tests/metrics tests/callbacks
 
+docs: .venv/installed  ## the documentation site at build/docs/index.html; a warning is an error
+	$(RUN)python -m sphinx --fail-on-warning --keep-going -q -c docs . build/docs
+
+dist: .venv/installed  ## wheel and source distribution in dist/
+	rm -rf dist
+	$(RUN)python -m build -q
+
+test-installed: dist  ## the wheel alone in empty environments: the lowest supported versions, then the newest ones
+	rm -rf .venv-wheel
+	$(PYTHON) tests/installed/oldest.py > dist/oldest.txt
+	$(PYTHON) -m venv .venv-wheel/oldest
+	.venv-wheel/oldest/bin/pip install -q -c dist/oldest.txt "$$(echo dist/*.whl)[imitation,experiments]"
+	.venv-wheel/oldest/bin/python tests/installed/check.py README.md
+	$(PYTHON) -m venv .venv-wheel/newest
+	.venv-wheel/newest/bin/pip install -q "$$(grep '^torch==' constraints.txt)" "$$(echo dist/*.whl)[experiments]"
+	.venv-wheel/newest/bin/pip install -q --no-deps imitation  # which asks for SB3 2.2.1 and runs on the newest
+	.venv-wheel/newest/bin/python tests/installed/check.py README.md
+
 .venv/installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
-	$(RUN)pip install --constraint constraints.txt --editable ".[imitation,experiments,zoo,human,playground,test,lint]"
+	$(RUN)pip install --constraint constraints.txt --editable ".[imitation,experiments,minari,zoo,human,playground,docs,test,lint,dist]"
 	touch $@
 
 .venv-newest/installed: pyproject.toml constraints.txt
@@ -26,5 +44,5 @@ test-newest: .venv-newest/installed  ## levels, policies, metrics and callbacks 
 	$(RUN_NEWEST)pip install --upgrade "$$(grep '^torch==' constraints.txt)" --editable ".[test]"
 	touch $@
 
-clean:  ## remove both environments; runs/ stays
-	rm -rf .venv .venv-newest
+clean:  ## remove the environments; runs/ stays
+	rm -rf .venv .venv-newest .venv-wheel

@@ -2,11 +2,11 @@
 All stages in environments that are not ours: Minigrid's DoorKey with its mission as text, Basic of ViZDoom as pixels, and a
 toy of the tests. Needs `pip install vizdoom`.
 
-    python -m benchmarks.other_envs --out runs/other_envs --results docs/results/other_envs.json
+    python -m benchmarks.other_envs --out runs/other_envs --results docs/results/other_envs
 
-Experts are trained by PPO (one seed); Learner, Guide and guided Learner are cloned from their demonstrations (three seeds).
-What was finished is kept, so that it may be killed and called again. Hyper-parameters: benchmarks/other_envs_ppo.yml and
-benchmarks/other_envs_bc.yml.
+Writes results.json and README.md with a table. Experts are trained by PPO (one seed); Learner, Guide and guided Learner are
+cloned from their demonstrations. What was finished is kept, so that it may be killed and called again. Hyper-parameters:
+benchmarks/other_envs_ppo.yml and benchmarks/other_envs_bc.yml.
 """
 
 from functools import cache
@@ -27,12 +27,11 @@ from sb3_guide.experiments.stages.expert import train_expert
 from sb3_guide.experiments.stages.record import record_demonstrations
 from sb3_guide.experiments.stages.runs import read_table
 from sb3_guide.experiments.stages.speak import speak_to
-from sb3_guide.files import read_json, write_json
+from sb3_guide.files import read_json, write_json, write_text
 
 HERE = Path(__file__).parent
 DOOR_KEY = "MiniGrid-DoorKey-5x5-v0"
-SEEDS = 3
-SPLITS = {"train": 400, "validation": 50, "analysis": 100}  # episodes
+SPLITS = {"train": 400, "validation": 50, "analysis": 50}  # episodes
 
 
 @cache
@@ -41,9 +40,25 @@ def vocabulary() -> Vocabulary:
     return Vocabulary.sampled(gymnasium.make(DOOR_KEY), resets=10)
 
 
-def door_key() -> gymnasium.Env:
+class Told(gymnasium.Wrapper):
+    """Says whether an episode was a success, by which a training may stop: Minigrid does not."""
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Act."""
+        seen, reward, terminated, truncated, info = self.env.step(action)
+        return (
+            seen,
+            float(reward),
+            terminated,
+            truncated,
+            {**info, "is_success": reward > 0} if terminated or truncated else info,
+        )
+
+
+def door_key(render_mode: str | None = None) -> gymnasium.Env:
     """:return: DoorKey as it is registered, its mission as tokens, with three images before the present one"""
-    return HistoryWrapper(TextMissionWrapper(gymnasium.make(DOOR_KEY), vocabulary()), history=3)
+    env = Told(gymnasium.make(DOOR_KEY, render_mode=render_mode))
+    return HistoryWrapper(TextMissionWrapper(env, vocabulary()), history=3)
 
 
 class Doom(gymnasium.Wrapper):
@@ -72,12 +87,12 @@ class Doom(gymnasium.Wrapper):
         return {"image": self._image(seen["screen"])}, reward / 100, terminated and not truncated, truncated, info
 
 
-def doom() -> gymnasium.Env:
+def doom(render_mode: str | None = None) -> gymnasium.Env:
     """:return: ViZDoom's Basic, four tics an action, rendered small"""
     import vizdoom.gymnasium_wrapper  # registers it
 
     small = vizdoom.ScreenResolution.RES_160X120
-    return Doom(gymnasium.make("VizdoomBasic-v1", frame_skip=4, screen_resolution=small))
+    return Doom(gymnasium.make("VizdoomBasic-v1", frame_skip=4, screen_resolution=small, render_mode=render_mode))
 
 
 gymnasium.register("DoorKey-v0", door_key)
@@ -86,38 +101,41 @@ gymnasium.register("Doom-v0", doom)
 ENVIRONMENTS = ("tests.toys:Pick-v0", "DoorKey-v0", "Doom-v0")
 
 
-def stages(level: str, out: Path) -> None:
+def stages(level: str, seeds: int, out: Path) -> None:
     """
     Run everything that is missing.
 
     :param level: id of the environment
+    :param seeds: of stages 2 and 3
     :param out: folder
     """
-    train_expert(level, out / "expert", 0, 1, resume=True, config_file=HERE / "other_envs_ppo.yml")
+    train_expert(level, out / "expert", 0, 1, resume=True, config_file=HERE / "other_envs_ppo.yml", algo="ppo")
     demos = out / "demos"
     for split, count in SPLITS.items():
         if not (demos / f"{split}.json").exists():
             record_demonstrations(level, out / "expert", split, count, demos / f"{split}.safetensors", 1)
-    for seed in range(SEEDS):
-        for agent in ("learner", "guide", "guided"):
-            guide = str(out / f"guide{seed}") if agent == "guided" else None
+    for seed in range(seeds):
+        for kind in ("learner", "guide", "guided"):
+            heard = str(out / f"guide{seed}") if kind == "guided" else None
             config = HERE / "other_envs_bc.yml"
-            clone(agent, level, [demos], out / f"{agent}{seed}", seed, 1, resume=True, guide=guide, config_file=config)
-        guided = out / f"guided{seed}"
-        if not (guided / "speech" / "speech.json").exists():
-            analyze(guided, level, demos / "analysis.safetensors", guided / "analysis", 1, n_episodes=100)
-            ablate_agent(guided, level, 100, guided / "ablation.json", 1)
-            speak_to(guided, level, [], None, True, guided / "speech", seed, 1)
+            clone(kind, level, [demos], out / f"{kind}{seed}", seed, 1, resume=True, guide=heard, config_file=config)
+        guide, guided = out / f"guide{seed}", out / f"guided{seed}"
+        if not (guide / "speech" / "speech.json").exists():
+            for agent in (guide, guided):
+                analyze(agent, level, demos / "analysis.safetensors", None, agent / "analysis", 1, n_episodes=50)
+            ablate_agent(guided, level, 50, guided / "ablation.json", 1)
+            speak_to(guide, level, [], None, True, guide / "speech", seed, 1)
 
 
-def summary(out: Path) -> dict[str, Any]:
+def summary(seeds: int, out: Path) -> dict[str, Any]:
     """
+    :param seeds: of stages 2 and 3
     :param out: folder that :func:`stages` filled
     :return: the numbers that are worth telling, lists over seeds
     """
 
     def of(agent: str, file: str, *keys: str) -> list[Any]:
-        found = [read_json(out / f"{agent}{seed}" / file) for seed in range(SEEDS)]
+        found = [read_json(out / f"{agent}{seed}" / file) for seed in range(seeds)]
         for key in keys:
             found = [content[key] for content in found]
         return found
@@ -126,7 +144,7 @@ def summary(out: Path) -> dict[str, Any]:
     curves = {
         agent: [
             [float(row["success_rate"]) for row in read_table(out / f"{agent}{seed}" / "progress.csv")]
-            for seed in range(SEEDS)
+            for seed in range(seeds)
         ]
         for agent in ("learner", "guide", "guided")
     }
@@ -141,30 +159,84 @@ def summary(out: Path) -> dict[str, Any]:
         "epochs": [float(row["epoch"]) for row in read_table(out / "learner0" / "progress.csv")],
         "curves": curves,
         "communication": {
-            name: of("guided", "analysis/analysis.json", "in_play", name, "mean")
-            for name in ("cic", "uniform_cic", "message_entropy")
+            agent: {
+                name: of(agent, "analysis/analysis.json", "in_play", name, "mean")
+                for name in ("cic", "uniform_cic", "message_entropy")
+            }
+            for agent in ("guide", "guided")
         },
         "ablation": {
             name: [found[name]["success_rate"] for found in of("guided", "ablation.json", "interventions")]
             for name in ("spoken", "silent", "uniform", "shuffled")
         },
-        "obedience": of("guided", "speech/speech.json", "obedience"),
-        "dictionary": of("guided", "speech/speech.json", "dictionary"),
+        "obedience": of("guide", "speech/speech.json", "obedience"),
+        "dictionary": of("guide", "speech/speech.json", "dictionary"),
     }
+
+
+def page(found: dict[str, Any]) -> str:
+    """
+    :param found: :func:`summary` of each environment
+    :return: a table of it
+    """
+
+    def rates(values: list[float]) -> str:
+        return ", ".join(f"{value:.0%}" for value in values)
+
+    def nats(measures: dict[str, list[float]]) -> str:
+        return " / ".join(", ".join(f"{value:.2f}" for value in values) for values in measures.values())
+
+    def words(dictionaries: list[list[dict[str, Any]]]) -> str:
+        meant = [
+            ", ".join(f"{entry['message']}: {entry['action']}" for entry in each if entry["means_it"]) for each in dictionaries
+        ]
+        return "; ".join(text or "none" for text in meant)
+
+    rows = {
+        "expert (PPO, one seed): frames": lambda env: f"{env['expert']['frames']:,}",
+        "its success on missions of the training split": lambda env: f"{env['expert']['success_rate']:.0%}",
+        "mean length of its episodes": lambda env: f"{env['expert']['mean_length']:.1f}",
+        "success of the Learner": lambda env: rates(env["success_rate"]["learner"]),
+        "success of the Guide": lambda env: rates(env["success_rate"]["guide"]),
+        "success of the guided Learner": lambda env: rates(env["success_rate"]["guided"]),
+        "the Guide's CIC / uniform CIC / message entropy": lambda env: nats(env["communication"]["guide"]),
+        "the guided Learner's": lambda env: nats(env["communication"]["guided"]),
+        **{
+            f"its success, {name}": lambda env, name=name: rates(env["ablation"][name])
+            for name in ("spoken", "silent", "uniform", "shuffled")
+        },
+        "messages that the Guide obeys": lambda env: rates([each["raw"] for each in env["obedience"]]),
+        "beyond chance": lambda env: rates([each["corrected"] for each in env["obedience"]]),
+        "words of the Guide": lambda env: words(env["dictionary"]),
+    }
+    lines = ["| | " + " | ".join(found) + " |", "|---" * (len(found) + 1) + "|"]
+    lines += [f"| {label} | " + " | ".join(tell(env) for env in found.values()) + " |" for label, tell in rows.items()]
+    return f"""# Environments that are not ours
+
+Made by `python -m benchmarks.other_envs`, with the settings of benchmarks/other_envs_ppo.yml and benchmarks/other_envs_bc.yml.
+Success is measured on 100 missions of the analysis split, communication and ablations on 50 of them. Where there are several
+numbers, each is of one seed of stages 2 and 3. CIC and entropies are in nats.
+
+{chr(10).join(lines)}
+"""
 
 
 def main(
     out: Annotated[Path, typer.Option(help="Folder for all that is made.")],
-    results: Annotated[Path, typer.Option(help="JSON file for the numbers.")],
+    results: Annotated[Path, typer.Option(help="Folder for results.json and README.md; environments that they hold stay.")],
+    seeds: Annotated[int, typer.Option(min=1, help="Of stages 2 and 3.")] = 3,
     only: Annotated[list[str] | None, typer.Option(help="Environment to run; repeat it; all if left out.")] = None,
 ) -> None:
     """Run all stages in all environments, and write down the numbers."""
-    found = read_json(results) if results.exists() else {}
+    results.mkdir(parents=True, exist_ok=True)
+    numbers = results / "results.json"
+    found = read_json(numbers) if numbers.exists() else {}
     for level in only or ENVIRONMENTS:
         name = level.rpartition(":")[2]
-        stages(level, out / name)
-        found[name] = summary(out / name)
-        write_json(results, found)
+        stages(level, seeds, out / name)
+        found[name] = summary(seeds, out / name)
+        write_json(numbers, found)
+        write_text(results / "README.md", page(found))
 
 
 if __name__ == "__main__":

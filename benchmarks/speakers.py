@@ -20,11 +20,11 @@ from sb3_guide.experiments.stages.evaluate import evaluate
 from sb3_guide.experiments.stages.runs import use_threads
 from sb3_guide.experiments.stages.speak import entries
 from sb3_guide.files import read_json, write_json, write_text
-from sb3_guide.language import learn, obey, read
+from sb3_guide.language import Dictionary, learn, obey, read, save_dictionary
 from sb3_guide.metrics import obedience
-from sb3_guide.policies import load_agent
+from sb3_guide.policies import AgentPolicy, load_agent
 from sb3_guide.policies.folder import read_agent, write_agent
-from sb3_guide.speakers import FOLDER
+from sb3_guide.speakers import DICTIONARY, FOLDER
 
 EVALUATED = ("episodes", "successes", "success_rate", "low", "high", "mean_length", "first_seed", "versions")
 AGENTS = {"guide": "A Guide of", "guided": "A Learner that hears a Guide of"}
@@ -38,13 +38,16 @@ def ship(level: str, runs: Path, agent: str) -> None:
     evaluate(folder, level, 1000, folder / "evaluation.json", threads=1)
     found = read_json(folder / "evaluation.json")
     write_json(folder / "evaluation.json", {name: found[name] for name in EVALUATED})
-    write_text(folder / "README.md", card(level, agent, runs, found))
-
-
-def card(level: str, agent: str, runs: Path, found: dict[str, Any]) -> str:
-    """:return: the model card"""
-    policy, run = load_agent(FOLDER / level / agent), read_json(runs / agent / "run.json")
+    policy = load_agent(folder)
     dictionary = learn(read(policy, level, mission_seeds("validation", 500)))
+    save_dictionary(dictionary, folder / DICTIONARY)
+    write_text(folder / "README.md", card(level, agent, policy, dictionary, read_json(runs / agent / "run.json"), found))
+
+
+def card(
+    level: str, agent: str, policy: AgentPolicy, dictionary: Dictionary, run: dict[str, Any], found: dict[str, Any]
+) -> str:
+    """:return: the model card"""
     meant, taken = obey(policy, level, dictionary, mission_seeds("analysis", 50), np.random.default_rng(0))
     raw, corrected = obedience(meant, taken)
     by_action = ", ".join(f"{ACTIONS[a]} {(taken[meant == a] == a).mean():.0%}" for a in np.unique(meant))

@@ -8,18 +8,18 @@ from gymnasium import spaces
 
 
 class Pick(gymnasium.Env):
-    """Three cells of different colours, of which the mission names one: take it, three times in a row."""
+    """Two cells of different colours, of which the mission names one: take it, three times in a row."""
 
-    action_names = ("left", "middle", "right")
+    action_names = ("left", "right")
 
     def __init__(self) -> None:
-        image, mission = spaces.Box(0, 3, (1, 3, 1), np.uint8), spaces.Box(0, 3, (1,), np.uint8)
+        image, mission = spaces.Box(0, 2, (1, 2, 1), np.uint8), spaces.Box(0, 2, (1,), np.uint8)
         self.observation_space = spaces.Dict({"image": image, "mission": mission})
-        self.action_space = spaces.Discrete(3)
+        self.action_space = spaces.Discrete(2)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
         super().reset(seed=seed)
-        self.wanted, self.taken = self.np_random.integers(1, 4, 1, np.uint8), 0
+        self.wanted, self.taken = self.np_random.integers(1, 3, 1, np.uint8), 0
         return self._show(), {}
 
     def step(self, action):
@@ -28,8 +28,8 @@ class Pick(gymnasium.Env):
         return self._show(), float(self.taken == 3), bool(self.taken == 3 or not right), False, {}
 
     def _show(self):
-        self.cells = self.np_random.permutation(np.arange(1, 4, dtype=np.uint8))
-        return {"image": self.cells.reshape(1, 3, 1), "mission": self.wanted}
+        self.cells = self.np_random.permutation(np.arange(1, 3, dtype=np.uint8))
+        return {"image": self.cells.reshape(1, 2, 1), "mission": self.wanted}
 
 
 class Signal(gymnasium.Env):

@@ -31,7 +31,7 @@ class TrainingCheckpoint(BaseCallback):
     had happened. The file is written atomically: the last good one is always there.
 
     :param path: of the file
-    :param watchers: callbacks whose remembered episodes belong to the state
+    :param watchers: callbacks whose own state belongs to it
     :param extra: called at each save for what else is to be kept: plain values and tensors
     :param every_n_rollouts: save before one rollout in so many
     :param verbose: as in SB3
@@ -57,7 +57,7 @@ class TrainingCheckpoint(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         if self.n_rollouts % self.every_n_rollouts == 0 and self.n_rollouts:
-            watched = [list(watcher.successes) for watcher in self.watchers]
+            watched = [watcher.get_state() for watcher in self.watchers]
             state = training_state(self.model)  # type: ignore[arg-type]
             save_state(self.path, {**state, "watched": watched, **self.extra()})
         self.n_rollouts += 1
@@ -95,10 +95,10 @@ def load_state(path: Path) -> dict[str, Any]:
             line, content = file.readline(len(first_line(b""))), file.read()
         if line.startswith(WITHOUT_CHECKSUM):
             warnings.warn(f"checkpoint {path} is of an earlier version and has no checksum", stacklevel=2)
-            return th.load(path, weights_only=True)
+            return th.load(path, map_location="cpu", weights_only=True)
         if line != first_line(content):
             raise ValueError("its content doesn't match its checksum")
-        return th.load(io.BytesIO(content), weights_only=True)
+        return th.load(io.BytesIO(content), map_location="cpu", weights_only=True)
     except Exception as error:  # torch raises whatever the damaged place makes it raise
         raise ValueError(f"checkpoint {path} is damaged ({error}): delete it to start anew") from error
 
@@ -143,7 +143,11 @@ def restore_training(model: OnPolicyAlgorithm, state: dict[str, Any], watchers: 
     model._last_obs = arrays(state["last_obs"])
     model._last_episode_starts = state["last_episode_starts"].numpy()
     if state["last_lstm_states"] is not None:
-        model._last_lstm_states = RNNStates(*(tuple(half) for half in state["last_lstm_states"]))  # type: ignore[attr-defined]
+        halves = (tuple(part.to(model.device) for part in half) for half in state["last_lstm_states"])
+        model._last_lstm_states = RNNStates(*halves)  # type: ignore[attr-defined]
+    for watcher, watched in zip(watchers, state["watched"], strict=True):  # one may change the worlds' level
+        watcher.init_callback(model)
+        watcher.set_state(watched)
     model.env.set_state(arrays(state["worlds"]))  # type: ignore[attr-defined]
     if state["monitor"] is not None:
         for name, value in arrays(state["monitor"]).items():
@@ -151,8 +155,6 @@ def restore_training(model: OnPolicyAlgorithm, state: dict[str, Any], watchers: 
     episodes = ({name: value[()] for name, value in arrays(info).items()} for info in state["episodes"])
     model.ep_info_buffer = deque(episodes, maxlen=model._stats_window_size)
     model.ep_success_buffer = deque(state["successes"], maxlen=model._stats_window_size)
-    for watcher, successes in zip(watchers, state["watched"], strict=True):
-        watcher.successes = deque(successes)
     restore_random_streams(state["random"])
 
 

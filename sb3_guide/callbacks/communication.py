@@ -13,8 +13,8 @@ from sb3_guide.policies.memory import State
 
 class CICCallback(BaseCallback):
     """
-    Log ``guide/cic``, ``guide/uniform_cic`` and ``guide/message_entropy`` over frames of the latest rollout. Works with PPO,
-    A2C and RecurrentPPO and our policies with a channel, and changes nothing in their training.
+    Log ``guide/cic``, ``guide/uniform_cic``, ``guide/message_entropy`` and ``guide/tempered_cic`` over frames of the latest
+    rollout. Works with PPO, A2C and RecurrentPPO and our policies with a channel, and changes nothing in their training.
 
     :param n_frames: frames that are drawn of each rollout
     :param every_n_rollouts: measure one rollout in so many

@@ -1,6 +1,7 @@
 """Success rate of the episodes that training finishes."""
 
 from collections import deque
+from typing import Any
 
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
@@ -31,6 +32,16 @@ class EpisodeSuccesses(BaseCallback):
             if success is not None:
                 self.successes.append(bool(success))
         return True
+
+    def get_state(self) -> dict[str, Any]:
+        """:return: what a training that goes on later needs of it, as plain values"""
+        return {"successes": list(self.successes)}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """
+        :param state: of :meth:`get_state`; the callback knows its model already
+        """
+        self.successes.extend(state["successes"])
 
 
 class SuccessRateCallback(EpisodeSuccesses):

@@ -86,7 +86,7 @@ class EpisodeLoss:
         log_prob, entropy = distribution.log_prob(acts[valid]), distribution.entropy()
         assert entropy is not None  # of a categorical distribution
         neglogp, mean_entropy = -log_prob.mean(), entropy.mean()
-        none = th.zeros(())
+        none = acts.new_zeros(())
         return bc.BCTrainingMetrics(
             neglogp=neglogp,
             entropy=mean_entropy,
@@ -160,7 +160,8 @@ def episode_bc(
         policy=policy,
         demonstrations=loader,
         batch_size=batch_size,
-        optimizer_kwargs={"lr": learning_rate, "eps": 1e-5, "fused": True},
+        optimizer_kwargs={"lr": learning_rate, "eps": 1e-5, "fused": policy.device.type == "cpu"},  # elsewhere torch chooses
+        device=policy.device,
         custom_logger=logger,
     )
     algorithm.loss_calculator = EpisodeLoss(ent_weight, th.Generator().manual_seed(seed))

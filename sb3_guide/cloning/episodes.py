@@ -1,6 +1,7 @@
 """Episodes as flat arrays, and how agents play them."""
 
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,13 +10,13 @@ import torch as th
 from gymnasium import spaces
 from stable_baselines3.common.policies import BasePolicy
 
-from sb3_guide.envs import is_level, worlds_of
+from sb3_guide.envs import GuideGridVecEnv, Worlds, is_level, worlds_of
 from sb3_guide.policies import AgentPolicy
 from sb3_guide.policies.networks import GuideNetwork
 from sb3_guide.policies.sequences import Sequences, history_of
 
 WORLDS = 1024  # episodes that are played side by side
-OTHER_WORLDS = 64  # where every world is an environment of its own
+OTHER_WORLDS = 8  # where every world is an environment of its own, and may take long to make
 
 
 @dataclass(frozen=True)
@@ -157,20 +158,35 @@ def play(
         raise ValueError("0 episodes were asked for: expected at least 1")
     if isinstance(policy, AgentPolicy) and isinstance(policy.network, GuideNetwork):
         policy.network.chance.manual_seed(0)  # what interventions draw is the same each time
-    at_once = WORLDS if is_level(level) else OTHER_WORLDS
+    at_once = worlds_at_once(level, len(seeds))
     chunks = [np.asarray(seeds[start : start + at_once], dtype=np.int64) for start in range(0, len(seeds), at_once)]
-    return concatenate([play_together(policy, level, chunk, on_progress, deterministic) for chunk in chunks])
+    with closing(worlds_of(level, at_once, history_of(policy.observation_space))) as worlds:
+        names = check_sees(policy, worlds.observation_space, level)
+        return concatenate([play_together(policy, worlds, names, chunk, on_progress, deterministic) for chunk in chunks])
+
+
+def worlds_at_once(level: str, n_missions: int) -> int:
+    """:return: how many worlds to make for so many missions"""
+    return min(n_missions, WORLDS if is_level(level) else OTHER_WORLDS)
 
 
 def play_together(
-    policy: BasePolicy, level: str, seeds: np.ndarray, on_progress: Callable[[int], object], deterministic: bool
+    policy: BasePolicy,
+    venv: GuideGridVecEnv | Worlds,
+    names: list[str],
+    seeds: np.ndarray,
+    on_progress: Callable[[int], object],
+    deterministic: bool,
 ) -> Episodes:
-    """As :func:`play`, all missions side by side; worlds that are done are no longer looked at."""
-    venv = worlds_of(level, len(seeds), history_of(policy.observation_space))
-    names = check_sees(policy, venv.observation_space, level)
+    """
+    As :func:`play`, all missions side by side; worlds that are done, or more than there are missions, are not looked at.
+
+    :param venv: at least as many worlds
+    :param names: what the policy looks at of what they show
+    """
     assert isinstance(venv.action_space, spaces.Discrete)
-    obs: Any = venv.reset_to(seeds)
-    missions = obs["mission"].copy() if "mission" in names else np.zeros((len(seeds), 1), dtype=np.uint8)
+    obs: Any = venv.reset_to(np.resize(seeds, venv.num_envs))
+    missions = obs["mission"][: len(seeds)].copy() if "mission" in names else np.zeros((len(seeds), 1), dtype=np.uint8)
     returns, succeeded = np.zeros(len(seeds)), np.zeros(len(seeds), dtype=bool)
     active, state = np.arange(len(seeds)), None
     worlds, images, actions = [], [], []
@@ -180,7 +196,7 @@ def play_together(
         worlds.append(active)
         images.append(seen["image"])
         actions.append(chosen)
-        every = np.zeros(len(seeds), dtype=np.int64)
+        every = np.zeros(venv.num_envs, dtype=np.int64)
         every[active] = chosen
         obs, rewards, dones, infos = venv.step(every)
         returns[active] += rewards[active]
@@ -190,7 +206,6 @@ def play_together(
         on_progress(len(ended))
         active = active[goes_on]
         state = None if state is None else tuple(part[:, goes_on] for part in state)
-    venv.close()
     order = np.argsort(np.concatenate(worlds), kind="stable")  # by episode, then by time
     lengths = np.bincount(np.concatenate(worlds))
     return Episodes(

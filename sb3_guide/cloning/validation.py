@@ -1,5 +1,6 @@
 """How an agent that is cloned does on missions and demonstrations that it is not trained on, for imitation's hooks."""
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -8,7 +9,7 @@ from stable_baselines3.common.logger import Logger
 
 from sb3_guide.cloning.demonstrations import Demonstrations
 from sb3_guide.cloning.episodes import play
-from sb3_guide.metrics import cic, message_entropy, uniform_cic
+from sb3_guide.metrics import cic, message_entropy, tempered, uniform_cic
 from sb3_guide.policies import AgentPolicy
 from sb3_guide.policies.memory import scene_of
 from sb3_guide.policies.networks import GuideNetwork
@@ -51,7 +52,7 @@ class Validation:
         self.policy.set_training_mode(True)
         if self.logger is not None:
             self.logger.record("rollout/success_rate", row["success_rate"])
-            for name in ("cic", "uniform_cic", "message_entropy"):
+            for name in ("cic", "uniform_cic", "message_entropy", "tempered_cic"):
                 if name in row:
                     self.logger.record(f"guide/{name}", row[name])
         self.on_row(row)
@@ -64,29 +65,32 @@ class Validation:
     def follow(self, demonstrations: Demonstrations) -> dict[str, float]:
         """:return: "loss", the negative log-likelihood a frame, and measures of communication, along demonstrations"""
         network, episodes = self.policy.network, demonstrations.episodes
-        sequences = episodes.sequences()
+        sequences = episodes.sequences().to(self.policy.device)
         with th.no_grad():
             memory = network.remember(sequences)
             distribution = self.policy.action_distribution(network.latent(memory, scene_of(memory, sequences.lengths)))
-            loss = -distribution.log_prob(th.as_tensor(episodes.actions)).mean().item()
+            loss = -distribution.log_prob(th.as_tensor(episodes.actions, device=self.policy.device)).mean().item()
         communication = measure_communication(self.policy, memory) if isinstance(network, GuideNetwork) else {}
         return {"loss": loss, **communication}
 
 
 def measure_communication(policy: AgentPolicy, memory: th.Tensor) -> dict[str, float]:
     """
-    The three numbers that belong together, averaged over frames.
+    The four numbers that belong together, averaged over frames.
 
     :param policy: with a channel
     :param memory: (K, state_size) of its network at K frames
-    :return: "cic", "uniform_cic" and "message_entropy", in nats
+    :return: in nats "cic", "uniform_cic", "message_entropy", and "tempered_cic": CIC of messages half as uncertain as can be
     :raises ValueError: if the policy has no channel
     """
-    totals = {"cic": 0.0, "uniform_cic": 0.0, "message_entropy": 0.0}
     with th.no_grad():
-        for part in memory.split(FRAMES_AT_ONCE):
-            messages, actions = policy.channel.message_log_probs(part), policy.listen(part)
-            totals["cic"] += cic(messages, actions).sum().item()
-            totals["uniform_cic"] += uniform_cic(actions).sum().item()
-            totals["message_entropy"] += message_entropy(messages).sum().item()
-    return {name: total / len(memory) for name, total in totals.items()}
+        parts = memory.split(FRAMES_AT_ONCE)
+        messages = th.cat([policy.channel.message_log_probs(part) for part in parts])
+        actions = th.cat([policy.listen(part) for part in parts])
+        measures = {
+            "cic": cic(messages, actions),
+            "uniform_cic": uniform_cic(actions),
+            "message_entropy": message_entropy(messages),
+            "tempered_cic": cic(tempered(messages, math.log(messages.shape[1]) / 2), actions),
+        }
+    return {name: values.mean().item() for name, values in measures.items()}

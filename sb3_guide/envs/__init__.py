@@ -8,12 +8,13 @@ Importing this package registers every level as `GuideGrid-<Level>-v0`.
 import gymnasium
 from gymnasium import vector
 
+from sb3_guide.envs import arrays as _arrays  # noqa: F401  # teaches SB3 to say what is wrong with missions as text
 from sb3_guide.envs.env import GuideGridEnv
 from sb3_guide.envs.levels import LEVELS, Level, level_of
 from sb3_guide.envs.spaces import ACTIONS, DEFAULT_HISTORY, observation_space
 from sb3_guide.envs.vec_env import GuideGridVecEnv
 from sb3_guide.envs.vocabulary import MISSION_LENGTH, VOCABULARY_SIZE, WORDS, Vocabulary, decode, encode
-from sb3_guide.envs.worlds import action_names, is_level, name_of, spaces_of, worlds_of
+from sb3_guide.envs.worlds import Worlds, action_names, is_level, name_of, spaces_of, worlds_of
 from sb3_guide.envs.wrappers import HistoryWrapper, TextMissionWrapper
 
 __all__ = [
@@ -29,6 +30,7 @@ __all__ = [
     "Level",
     "TextMissionWrapper",
     "Vocabulary",
+    "Worlds",
     "action_names",
     "decode",
     "encode",

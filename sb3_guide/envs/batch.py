@@ -100,6 +100,16 @@ class Batch:
         self.worlds["has_uint32"][chosen] = 0
         self.worlds["uinteger"][chosen] = 0
 
+    def set_level(self, level: Level) -> None:
+        """
+        Change the level, random streams going on. The worlds must be reset next.
+
+        :param level: the level
+        """
+        self.level = level
+        self._rules = level.rules()
+        self._started = False
+
     def generator(self, index: int) -> np.random.Generator:
         """:return: a generator at the present state of a world's random stream"""
         world = self.worlds[index]

@@ -16,6 +16,7 @@ import numpy as np
 try:
     from minigrid.envs.babyai.core.roomgrid_level import RoomGridLevel
     from minigrid.envs.babyai.core.verifier import ObjDesc, PutNextInstr
+    from minigrid.envs.babyai.goto import GoTo
     from minigrid.utils.baby_ai_bot import BabyAIBot
 except ImportError as error:
     raise ImportError("the bot plays on Minigrid's levels: pip install 'sb3-guide[bot]'") from error
@@ -47,10 +48,13 @@ def twin(level: str, **kwargs: Any) -> gymnasium.Env:
     :return: the env without wrappers
     :raises ValueError: if there is no such level
     """
-    name = level_of(level).name
-    if name == "PutNext":
+    rules = level_of(level)
+    if rules.name == "PutNext":
         return PutNext(**kwargs)
-    return gymnasium.make(f"BabyAI-{name}-v0", disable_env_checker=True, **kwargs).unwrapped
+    if f"BabyAI-{rules.name}-v0" not in gymnasium.registry:  # one of our small mazes
+        sizes = {"room_size": rules.room_size, "num_rows": rules.rows, "num_cols": rules.columns}
+        return GoTo(**sizes, num_dists=rules.distractors, **kwargs)
+    return gymnasium.make(f"BabyAI-{rules.name}-v0", disable_env_checker=True, **kwargs).unwrapped
 
 
 class _BoundedBot(BabyAIBot):

@@ -39,6 +39,16 @@ class GuideGridEnv(gymnasium.Env[Observation, np.int64]):
         """The mission as text, "" before the first reset."""
         return self._batch.mission(0)
 
+    def set_level(self, level: str) -> None:
+        """
+        Change the level from the next reset on, which must come before the next step.
+
+        :param level: name or id of the level
+        :raises ValueError: if the level is unknown
+        """
+        self.level = level_of(level)
+        self._batch.set_level(self.level)
+
     @property
     def agent_pos(self) -> tuple[int, int]:
         """Column and row of the agent's cell, as Minigrid counts them."""

@@ -94,6 +94,7 @@ _MAZE = Level("", columns=3, rows=3, distractors=18)
 _LANGUAGE = replace(_MAZE, recipe=LANGUAGE, access=ANYWHERE, actions=4, sentences=3, locations=True, unblocking=True)
 _SYNTH = replace(_LANGUAGE, implicit_unlock=False, locked_room_probability=0.5)
 
+#: every level by its name
 LEVELS = {
     level.name: level
     for level in (
@@ -123,6 +124,11 @@ LEVELS = {
         replace(_MAZE, name="GoToObjMazeS5", distractors=1, room_size=5),
         replace(_MAZE, name="GoToObjMazeS6", distractors=1, room_size=6),
         replace(_MAZE, name="GoToObjMazeS7", distractors=1, room_size=7),
+        replace(_ROOM, name="GoToLocalS5N2", room_size=5, distractors=2),
+        # not in BabyAI: GoTo in small mazes with few objects
+        replace(_MAZE, name="GoToS4R2N3", distractors=3, room_size=4, columns=2, rows=2),
+        replace(_MAZE, name="GoToS6R2N4", distractors=4, room_size=6, columns=2, rows=2),
+        replace(_MAZE, name="GoToS8R2N8", distractors=8, columns=2, rows=2),
     )
 }
 

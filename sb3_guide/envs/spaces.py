@@ -7,9 +7,11 @@ from gymnasium import spaces
 
 from sb3_guide.envs.vocabulary import MISSION_LENGTH, VOCABULARY_SIZE
 
+#: names of Minigrid's seven actions, in the order of their numbers
 ACTIONS = ("left", "right", "forward", "pickup", "drop", "toggle", "done")
 IMAGE_SHAPE = (7, 7, 3)
-DEFAULT_HISTORY, MAX_HISTORY = 3, 1000
+DEFAULT_HISTORY = 3  #: images before the present one in an observation
+MAX_HISTORY = 1000
 _IMAGE_HIGH = 10  # the highest number of Minigrid's encoding; with 255, SB3 would take the image for a picture
 
 

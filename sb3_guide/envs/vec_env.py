@@ -61,6 +61,15 @@ class WorldView:
         """The level."""
         return self._batch.level
 
+    def set_level(self, level: str) -> None:
+        """
+        Change the level of all worlds, which have one together, from the next reset on, which must come before the next step.
+
+        :param level: name or id of the level
+        :raises ValueError: if the level is unknown
+        """
+        self._batch.set_level(level_of(level))
+
     @property
     def history(self) -> int:
         """How many images before the present one an observation holds."""
@@ -111,8 +120,7 @@ class GuideGridVecEnv(VecEnv):
             raise ValueError(
                 "render_mode='human' shows one world: expected None or 'rgb_array'; SB3's render('human') shows all"
             )
-        self.level = level_of(env_id)
-        self._batch = Batch(self.level, n_envs, history, n_threads)
+        self._batch = Batch(level_of(env_id), n_envs, history, n_threads)
         self._views = [WorldView(self._batch, index, checked_render_mode(render_mode)) for index in range(n_envs)]
         self._actions = np.zeros(n_envs, dtype=np.int64)
         super().__init__(n_envs, observation_space(history), action_space())
@@ -141,6 +149,11 @@ class GuideGridVecEnv(VecEnv):
         level, history, render_mode, monitored = kinds.pop()
         venv = cls(level, len(envs), history=history, render_mode=render_mode)
         return VecMonitor(venv) if monitored else venv
+
+    @property
+    def level(self) -> Level:
+        """The level of all worlds."""
+        return self._batch.level
 
     @property
     def missions(self) -> list[str]:
@@ -219,6 +232,7 @@ class GuideGridVecEnv(VecEnv):
         :raises ValueError: if names, shapes, dtypes or values are not possible; the worlds are unchanged then
         """
         self._batch.set_state(state)
+        self._reset_seeds()  # the state's random streams take the place of those chosen for the next reset
 
     def get_images(self) -> Sequence[np.ndarray | None]:
         """:return: a frame (height, width, 3) uint8 of every world in mode "rgb_array", else None"""
@@ -239,7 +253,7 @@ class GuideGridVecEnv(VecEnv):
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
     ) -> list[Any]:
-        """:return: what the method returns for the chosen worlds, such as "render" """
+        """:return: what the method returns for the chosen worlds, such as "render" or "set_level" """
         return [getattr(view, method_name)(*method_args, **method_kwargs) for view in self._chosen(indices)]
 
     def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: VecEnvIndices = None) -> list[bool]:

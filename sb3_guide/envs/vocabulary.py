@@ -125,6 +125,7 @@ def _split(mission: str) -> list[str]:
     return re.sub(rf"([{_PUNCTUATION}])", r" \1 ", mission).split()
 
 
+#: the word of each token; that of 0 is padding
 WORDS = (
     "",  # padding
     *("go", "to", "pick", "up", "put", "next", "the", "a"),
@@ -132,9 +133,29 @@ WORDS = (
     *("on", "your", "left", "right", "in", "front", "of", "you", "behind"),
     *("door", "open", "and", "then", "after", ","),
 )
-VOCABULARY_SIZE = len(WORDS)
-MISSION_LENGTH = 72  # words of the longest mission of all levels
+VOCABULARY_SIZE = len(WORDS)  #: different tokens, padding included
+MISSION_LENGTH = 72  #: words of the longest mission of all levels
 
 LEVELS_VOCABULARY = Vocabulary(WORDS, MISSION_LENGTH)
-encode = LEVELS_VOCABULARY.encode
-decode = LEVELS_VOCABULARY.decode
+
+
+def encode(mission: str) -> np.ndarray:
+    """
+    Turn a mission of our levels into tokens.
+
+    :param mission: text as Minigrid writes it, such as "go to the red ball"
+    :return: (72,) uint8, padded with 0
+    :raises ValueError: if a word is unknown or the mission is too long
+    """
+    return LEVELS_VOCABULARY.encode(mission)
+
+
+def decode(tokens: np.ndarray) -> str:
+    """
+    Turn tokens back into the text of a mission of our levels.
+
+    :param tokens: (length,) integers below VOCABULARY_SIZE; 0 is skipped
+    :return: text as Minigrid writes it
+    :raises ValueError: if a token is not of the vocabulary
+    """
+    return LEVELS_VOCABULARY.decode(tokens)

@@ -28,6 +28,7 @@ class Worlds:
     """
 
     def __init__(self, env_id: str, n_envs: int, go_on: bool) -> None:
+        self.num_envs = n_envs
         self._envs = [gymnasium.make(env_id) for _ in range(n_envs)]
         seen = self._envs[0].observation_space
         if not isinstance(seen, spaces.Dict) or not isinstance(seen.spaces.get("image"), spaces.Box):

@@ -15,7 +15,7 @@ app = typer.Typer(
     "the other commands are its stages.",
 )
 
-Level = Annotated[str, typer.Option(help="Name of the level, such as GoToObj.")]
+Level = Annotated[str, typer.Option(help="Name of the level, such as GoToObj, or PACKAGE:ID of another environment.")]
 Seed = Annotated[int, typer.Option(min=0, help="Of everything that is random in this stage.")]
 Threads = Annotated[int, typer.Option(min=1, help="Of torch. Results depend on their number.")]
 Resume = Annotated[bool, typer.Option("--resume", help="Continue a run that was killed; do nothing if it has finished.")]
@@ -25,6 +25,10 @@ Agent = Annotated[Path, typer.Argument(help="Folder of the agent.")]
 Speaker = Annotated[
     str, typer.Argument(help="Folder of an agent with a channel, or 'pretrained' for the shipped guided Learner.")
 ]
+OwnLevel = Annotated[
+    str | None, typer.Option(help="Name of the level; may be left out where the agent was trained on one, and is not shipped.")
+]
+Dataset = Annotated[str, typer.Argument(metavar="DATASET", help="Id of the dataset, such as guidegrid/GoToLocal/expert-v0.")]
 
 
 class Split(str, Enum):
@@ -72,9 +76,9 @@ def expert(
     renew: Renew = False,
     config: Config = None,
     init: Annotated[Path | None, typer.Option(help="Folder of an agent whose weights to start from.")] = None,
-    algo: Annotated[Algo, typer.Option(help="SB3's PPO or A2C, or sb3-contrib's RecurrentPPO (ppo_lstm).")] = Algo.ppo,
+    algo: Annotated[Algo, typer.Option(help="SB3's PPO or A2C, or sb3-contrib's RecurrentPPO (ppo_lstm).")] = Algo.ppo_lstm,
 ) -> None:
-    """Stage 1: train an expert with PPO, or with another of SB3's algorithms."""
+    """Stage 1: train an expert, from easier levels to its own, with RecurrentPPO or another of SB3's algorithms."""
     from sb3_guide.experiments.stages.expert import train_expert
 
     train_expert(level, out, seed, threads, resume, config, init, algo.value, renew)
@@ -88,6 +92,7 @@ def record(
     episodes: Annotated[int, typer.Option(help="Successful episodes to keep.")],
     split: Annotated[Split, typer.Option(help="Missions to play.")] = Split.train,
     threads: Threads = 1,
+    minari: Annotated[str | None, typer.Option(help="Id of a dataset of Minari to make of them too.")] = None,
 ) -> None:
     """Record demonstrations of an expert: its successful episodes."""
     from sb3_guide.experiments.stages.record import record_demonstrations
@@ -95,6 +100,30 @@ def record(
 
     folder = expert_folder(level) if expert == "pretrained" else Path(expert)
     record_demonstrations(level, folder, split.value, episodes, out, threads)
+    if minari:
+        export_demonstrations(out, minari)
+
+
+@app.command("export")
+def export_demonstrations(
+    demos: Annotated[Path, typer.Argument(help="File with demonstrations (.safetensors).")], minari: Dataset
+) -> None:
+    """Make a dataset of Minari of demonstrations, among the local ones that Minari lists."""
+    from sb3_guide.cloning import load_demonstrations
+    from sb3_guide.cloning.minari import save_minari
+
+    save_minari(load_demonstrations(demos), minari)
+
+
+@app.command("import")
+def import_demonstrations(
+    minari: Dataset, out: Annotated[Path, typer.Argument(help="File for the demonstrations (.safetensors).")]
+) -> None:
+    """Make demonstrations of a local dataset of Minari: one of 'export', or of Minigrid's BabyAI levels."""
+    from sb3_guide.cloning import save_demonstrations
+    from sb3_guide.cloning.minari import load_minari
+
+    save_demonstrations(load_minari(minari), out)
 
 
 @app.command()
@@ -108,6 +137,9 @@ def clone(
     hears: Annotated[Hears, typer.Option(help="What happens to that Guide's messages before they are heard.")] = Hears.spoken,
     init: Annotated[Path | None, typer.Option(help="Folder of a Learner, or of a Guide for its trunk, to start from.")] = None,
     params: Annotated[list[str] | None, typer.Option(help="Hyper-parameter to override, such as n_epochs:5.")] = None,
+    tensorboard: Annotated[
+        bool, typer.Option("--tensorboard", help="Show validations and pictures of the language in OUT/tensorboard.")
+    ] = False,
     seed: Seed = 0,
     threads: Threads = 1,
     resume: Resume = False,
@@ -126,6 +158,7 @@ def clone(
         init=init,
         params=params or (),
         config_file=config,
+        tensorboard=tensorboard,
     )
 
 
@@ -146,22 +179,26 @@ def evaluate(
 @app.command()
 def analyze(
     agent: Speaker,
-    level: Level,
     out: Annotated[Path, typer.Option(help="Folder for analysis.json, its figures and episode.gif.")],
+    level: OwnLevel = None,
     demos: Annotated[Path | None, typer.Option(help="Demonstrations along which to measure CIC too, as in the paper.")] = None,
+    guide: Annotated[
+        str | None, typer.Option(help="Folder of the Guide that it learned from, or 'pretrained', to show how words changed.")
+    ] = None,
     threads: Threads = 1,
 ) -> None:
     """Read an agent's language: what its messages go together with and what they cause, and an episode to watch."""
     from sb3_guide.experiments.stages.analyze import analyze as analyze_agent
 
-    analyze_agent(folder_of(agent, level), level, demos, out, threads)
+    before = None if guide is None else folder_of(guide, level, "guide")
+    analyze_agent(folder_of(agent, level), level, demos, before, out, threads)
 
 
 @app.command()
 def ablate(
     agent: Speaker,
-    level: Level,
     out: Annotated[Path, typer.Option(help="JSON file for the result.")],
+    level: OwnLevel = None,
     episodes: Annotated[int, typer.Option(help="Missions to play with each intervention, the same for all.")] = 500,
     threads: Threads = 1,
 ) -> None:
@@ -175,7 +212,7 @@ def ablate(
 def speak(
     agent: Speaker,
     out: Annotated[Path, typer.Option(help="Folder for speech.json and walk.png.")],
-    level: Annotated[str | None, typer.Option(help="Name of the level, if not the one that the agent was trained on.")] = None,
+    level: OwnLevel = None,
     say: Annotated[list[str] | None, typer.Option(help="Message ('w0 w2') or action ('left') to tell it; repeat it.")] = None,
     choreography: Annotated[str | None, typer.Option(help="pirouette, waltz, or a text file with a step a line.")] = None,
     obedience: Annotated[bool, typer.Option("--obedience", help="Tell it 500 random messages; count the obeyed.")] = False,
@@ -243,10 +280,11 @@ def report(folder: Annotated[Path, typer.Argument(help="Folder with curves.csv a
     write_pages(folder)
 
 
-def folder_of(agent: str, level: str | None) -> Path:
+def folder_of(agent: str, level: str | None, kind: str = "guided") -> Path:
     """
     :param agent: folder, or "pretrained"
     :param level: of the shipped agent
+    :param kind: of shipped agent, "guide" or "guided"
     :raises ValueError: if a shipped agent is asked for without a level, or there is none for it
     """
     from sb3_guide.speakers import speaker_folder
@@ -255,13 +293,15 @@ def folder_of(agent: str, level: str | None) -> Path:
         return Path(agent)
     if level is None:
         raise ValueError("which of the shipped agents? expected --level, such as --level GoToLocal")
-    return speaker_folder(level, "guided")
+    return speaker_folder(level, kind)
 
 
 def main() -> None:
     """Entry point: wrong use ends with one line that says what to do, not with a traceback."""
     try:
         app()
+    except ModuleNotFoundError as error:
+        sys.exit(f"sb3-guide: {error}: expected the extras too, as by pip install 'sb3-guide[imitation,experiments,minari]'")
     except (ValueError, OSError, RuntimeError) as error:
         sys.exit(f"sb3-guide: {error}")
 

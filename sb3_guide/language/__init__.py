@@ -1,9 +1,9 @@
 """Reading and speaking the language of agents with a channel (paper section 5)."""
 
 from sb3_guide.language.ablation import ablate, ablations
-from sb3_guide.language.dictionary import Dictionary, learn
-from sb3_guide.language.reading import Reading, memory_of, read
-from sb3_guide.language.situations import SITUATIONS, situations, targets
+from sb3_guide.language.dictionary import Dictionary, learn, read_dictionary, save_dictionary
+from sb3_guide.language.reading import Reading, read, read_along
+from sb3_guide.language.situations import SITUATIONS, meanings, situations, targets
 from sb3_guide.language.speaking import CHOREOGRAPHIES, Performance, danced, obey, perform, speak, steps_of
 
 __all__ = [
@@ -16,10 +16,13 @@ __all__ = [
     "ablations",
     "danced",
     "learn",
-    "memory_of",
+    "meanings",
     "obey",
     "perform",
     "read",
+    "read_along",
+    "read_dictionary",
+    "save_dictionary",
     "situations",
     "speak",
     "steps_of",

@@ -1,10 +1,12 @@
 """Which action goes with which message: enough to speak (paper sections 5.1 and 5.4)."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import numpy as np
 
 from sb3_guide.envs import ACTIONS
+from sb3_guide.files import read_json, write_json
 from sb3_guide.language.reading import Reading
 from sb3_guide.metrics import conditional, joint_counts
 from sb3_guide.policies.channel import MessageShape
@@ -50,6 +52,49 @@ class Dictionary:
             known = ", ".join(self.actions[meant] for meant in np.unique(meanings[meanings >= 0])) or "none"
             raise ValueError(f"the agent has no word for {self.actions[action]!r}: its messages mean {known}")
         return int(np.argmax(np.where(meanings == action, self.counts.sum(axis=1), -1)))
+
+    def word(self, action: str) -> str:
+        """
+        :param action: its name, such as "left"
+        :return: the message that means it, such as "w0 w2"
+        :raises ValueError: if there is no such action, or no message means it
+        """
+        if action not in self.actions:
+            raise ValueError(f"{action!r} is no action: expected one of {', '.join(self.actions)}")
+        return self.shape.names()[self.message_for(self.actions.index(action))]
+
+
+def save_dictionary(dictionary: Dictionary, path: Path) -> None:
+    """
+    Write a dictionary as JSON: for each message that occurs, how often each action followed.
+
+    :param dictionary: what
+    :param path: where; its folder exists
+    """
+    actions = dictionary.actions
+    followed = {
+        message: {actions[action]: int(counts[action]) for action in np.flatnonzero(counts)}
+        for message, counts in zip(dictionary.shape.names(), dictionary.counts, strict=True)
+        if counts.any()
+    }
+    write_json(path, {"shape": asdict(dictionary.shape), "actions": list(actions), "followed": followed})
+
+
+def read_dictionary(path: Path) -> Dictionary:
+    """
+    :param path: of a file that :func:`save_dictionary` wrote
+    :raises ValueError: if it is damaged
+    """
+    content = read_json(path)
+    try:
+        shape, actions = MessageShape(**content["shape"]), tuple(content["actions"])
+        counts = np.zeros((shape.count, len(actions)), dtype=np.int64)
+        for message, followed in content["followed"].items():
+            for action, times in followed.items():
+                counts[shape.names().index(message), actions.index(action)] = times
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise ValueError(f"{path} is no dictionary: {error}") from error
+    return Dictionary(shape, counts, actions)
 
 
 def learn(reading: Reading) -> Dictionary:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sb3_guide.envs.rendering import TILE
@@ -22,10 +23,8 @@ def conditional_bars(rows: list[str], columns: list[str], counts: np.ndarray, in
     :param intervals: (2, R, C) bounds of the 95 % intervals, if there are any
     """
     shown = np.flatnonzero(counts.sum(axis=1) > 0)
-    across = min(3, len(shown))
-    figure = Figure(figsize=(3.4 * across, 2.3 * -(-len(shown) // across)), layout="constrained")
-    panels = figure.subplots(-(-len(shown) // across), across, sharex=True, sharey=True, squeeze=False).ravel()
-    for panel, row in zip(panels, shown, strict=False):
+    figure, panels = grid_of_panels(len(shown), across=3, size=(3.4, 2.3))
+    for panel, row in zip(panels, shown, strict=True):
         rates = counts[row] / counts[row].sum()
         errors = None if intervals is None else np.abs(np.nan_to_num(intervals[:, row] - rates))
         panel.bar(range(len(columns)), rates, color=BAR, yerr=errors, error_kw={"ecolor": INK, "elinewidth": 0.8})
@@ -33,9 +32,56 @@ def conditional_bars(rows: list[str], columns: list[str], counts: np.ndarray, in
         panel.set_xticks(range(len(columns)), columns, rotation=60, fontsize=8)
         panel.set_ylim(0, 1.05)
         panel.spines[["top", "right"]].set_visible(False)
-    for panel in panels[len(shown) :]:
-        panel.set_visible(False)
     return figure
+
+
+def change_bars(rows: list[str], columns: list[str], before: np.ndarray, after: np.ndarray, intervals: np.ndarray) -> Figure:
+    """
+    A panel for each row that occurs, with two bars for each column: P(column|row) before and after. A change whose interval
+    leaves out 0 is written above them.
+
+    :param rows: names of what is given
+    :param columns: names of what follows
+    :param before: (R, C) counts
+    :param after: (R, C) counts
+    :param intervals: (2, R, C) bounds of the 95 % intervals of the change; NaN where a row hardly occurs in one of them
+    """
+    shown = np.flatnonzero((before + after).sum(axis=1) > 0)
+    figure, panels = grid_of_panels(len(shown), across=3, size=(3.4, 2.3))
+    places = np.arange(len(columns))
+    for panel, row in zip(panels, shown, strict=True):
+        rates = [counts[row] / max(1, counts[row].sum()) for counts in (before, after)]
+        for rate, shift, colour, label in zip(rates, (-0.2, 0.2), (FAINT, BAR), ("before", "after"), strict=True):
+            panel.bar(places + shift, rate, width=0.4, color=colour, label=label)
+        for column in np.flatnonzero((intervals[0, row] > 0) | (intervals[1, row] < 0)).tolist():
+            height = max(rate[column] for rate in rates)
+            panel.text(
+                column, height + 0.02, f"{rates[1][column] - rates[0][column]:+.0%}", ha="center", fontsize=8, color=INK
+            )
+        panel.set_title(f"{rows[row]} ({before[row].sum():,} to {after[row].sum():,} frames)", fontsize=9, loc="left")
+        panel.set_xticks(places, columns, rotation=60, fontsize=8)
+        panel.set_ylim(0, 1.15)
+        panel.spines[["top", "right"]].set_visible(False)
+    panels[0].legend(fontsize=8, frameon=False)
+    return figure
+
+
+def grid_of_panels(count: int, across: int, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
+    """
+    :param count: panels that are needed
+    :param across: at most so many in a row
+    :param size: width and height of a panel, in inches
+    :return: the figure and its panels, which share their axes
+    """
+    across = min(across, count)
+    down = -(-count // across)
+    figure = Figure(figsize=(size[0] * across, size[1] * down), layout="constrained")
+    panels = list(figure.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel())
+    for panel in panels[count:]:
+        panel.set_visible(False)
+    for panel in panels[:count][-across:]:
+        panel.tick_params(labelbottom=True)  # nothing is beneath them that could have their labels
+    return figure, panels[:count]
 
 
 def view_maps(messages: list[str], counts: np.ndarray) -> Figure:
@@ -46,20 +92,16 @@ def view_maps(messages: list[str], counts: np.ndarray) -> Figure:
     :param counts: (7, 7, M) first across the view, then from far to near
     """
     shown = np.flatnonzero(counts.sum(axis=(0, 1)) > 0)
-    across = min(5, len(shown))
-    figure = Figure(figsize=(2.1 * across, 2.3 * -(-len(shown) // across)), layout="constrained")
-    panels = figure.subplots(-(-len(shown) // across), across, squeeze=False).ravel()
+    figure, panels = grid_of_panels(len(shown), across=5, size=(2.1, 2.3))
     with np.errstate(invalid="ignore"):
         shares = counts / counts.sum(axis=2, keepdims=True)
-    for panel, message in zip(panels, shown, strict=False):
+    for panel, message in zip(panels, shown, strict=True):
         image = panel.imshow(shares[:, :, message].T, vmin=0, vmax=1, cmap="viridis")
         panel.plot(3, 6, marker="^", color="white", markeredgecolor=INK, markersize=9)
         panel.set_title(messages[message], fontsize=9, loc="left")
         panel.set_xticks([])
         panel.set_yticks([])
-    for panel in panels[len(shown) :]:
-        panel.set_visible(False)
-    figure.colorbar(image, ax=panels[: len(shown)].tolist(), label="P(message | target in this cell)", shrink=0.8)
+    figure.colorbar(image, ax=panels, label="P(message | target in this cell)", shrink=0.8)
     return figure
 
 

@@ -20,8 +20,8 @@ class Reading:
     F frames of E episodes, M messages, A actions.
 
     :param shape: form of the messages
-    :param episodes: that were played
-    :param messages: (F,) int64 index of the most probable message at each frame, which the Guide spoke
+    :param episodes: that were played, by the agent or by somebody else
+    :param messages: (F,) int64 index of the most probable message at each frame
     :param message_log_probs: (F, M) log-probability of each message
     :param action_log_probs: (F, M, A) log-probability of each action, were each message heard
     :param actions: names of the actions
@@ -49,19 +49,31 @@ def read(policy: AgentPolicy, level: str, seeds: np.ndarray) -> Reading:
     :param seeds: (E,) of the missions
     :raises ValueError: if the policy has no channel, there are no seeds, or the level is not the policy's
     """
+    assert policy.channel  # raises where the agent has none
+    return read_along(policy, level, play(policy, level, seeds))
+
+
+def read_along(policy: AgentPolicy, level: str, episodes: Episodes) -> Reading:
+    """
+    Read what an agent would say along episodes that somebody played, such as an expert.
+
+    :param policy: with a channel
+    :param level: name or id of the level, or id of another environment, where it was
+    :param episodes: at least one
+    :raises ValueError: if the policy has no channel
+    """
     shape = policy.channel.encoder.shape
-    episodes = play(policy, level, seeds)
     parts = memory_of(policy, episodes).split(FRAMES_AT_ONCE)
     with th.no_grad():
         spoken = th.cat([policy.channel.speak(part).argmax(dim=-1) for part in parts])
         messages = th.cat([policy.channel.message_log_probs(part) for part in parts])
         actions = th.cat([policy.listen(part) for part in parts])
-    return Reading(shape, episodes, shape.index(spoken).numpy(), messages, actions, action_names(level))
+    return Reading(shape, episodes, shape.index(spoken).cpu().numpy(), messages.cpu(), actions.cpu(), action_names(level))
 
 
 def memory_of(policy: AgentPolicy, episodes: Episodes) -> th.Tensor:
     """:return: (F, state_size) what the agent remembers at every frame of the episodes"""
     with th.no_grad():
         if policy.carries_memory:
-            return policy.network.remember(episodes.sequences())
-        return policy.network.recall(episodes.windows(history_of(policy.observation_space)))
+            return policy.network.remember(episodes.sequences().to(policy.device))
+        return policy.network.recall(episodes.windows(history_of(policy.observation_space)).to(policy.device))

@@ -6,6 +6,7 @@ from sb3_guide.cloning.episodes import Episodes
 from sb3_guide.envs.engine.cells import BALL, BOX, COLOURS, DOOR, KEY, VIEW
 from sb3_guide.envs.vocabulary import WORDS
 
+#: where an object of the mission's may be, seen from the agent (paper section 5.2)
 SITUATIONS = ("ahead", "left", "right", "not visible")
 ELSEWHERE = -1  # visible, but neither straight ahead nor beside the agent: none of the paper's situations
 COLUMN, ROW = VIEW // 2, VIEW - 1  # the agent's own, in the middle below
@@ -22,16 +23,21 @@ def targets(episodes: Episodes) -> np.ndarray:
     :param episodes: E of them, of F frames in all, of levels with one clause a mission
     :return: (F, 7, 7) bool, first across the view, then from far to near
     """
-    described = np.array([descriptions(mission) for mission in episodes.missions])  # (E, 2, 2)
-    of_frame = np.repeat(described, episodes.lengths, axis=0)
-    carries = np.isin(episodes.images[:, COLUMN, ROW, 0], (KEY, BALL, BOX))
-    kind, colour = of_frame[np.arange(len(carries)), carries.astype(int)].T  # (F,) each
+    kind, colour = sought(episodes).T
     seen = episodes.images[..., :2].astype(int)
     same_kind = (seen[..., 0] == kind[:, None, None]) | (kind == ANYTHING)[:, None, None]
     same_colour = (seen[..., 1] == colour[:, None, None]) | (colour == ANYTHING)[:, None, None]
     found = np.isin(seen[..., 0], list(TYPES.values())) & same_kind & same_colour
     found[:, COLUMN, ROW] = False  # what the agent carries
     return found
+
+
+def sought(episodes: Episodes) -> np.ndarray:
+    """:return: (F, 2) int64 type and colour of what each frame is about, a value of the image or ANYTHING"""
+    described = np.array([descriptions(mission) for mission in episodes.missions])  # (E, 2, 2)
+    of_frame = np.repeat(described, episodes.lengths, axis=0)
+    carries = np.isin(episodes.images[:, COLUMN, ROW, 0], (KEY, BALL, BOX))
+    return of_frame[np.arange(len(carries)), carries.astype(int)]
 
 
 def descriptions(mission: np.ndarray) -> list[list[int]]:
@@ -66,3 +72,18 @@ def situations(found: np.ndarray) -> np.ndarray:
         axis=1,
     )
     return np.where(holds.any(axis=1), holds.argmax(axis=1), ELSEWHERE)
+
+
+def meanings(episodes: Episodes, found: np.ndarray) -> np.ndarray:
+    """
+    What a message could be about, as attributes: where the nearest target is, and what it is.
+
+    :param episodes: of F frames
+    :param found: (F, 7, 7) bool, as :func:`targets` returns it
+    :return: (F, 4) int64 from 0: column and row of the target, 7 where none is visible, and type and colour in the mission
+    """
+    across, down = np.indices((VIEW, VIEW))
+    steps = np.where(found, np.abs(across - COLUMN) + ROW - down, 2 * VIEW).reshape(len(found), -1)
+    place = np.stack(np.divmod(steps.argmin(axis=1), VIEW), axis=1)
+    visible = found.reshape(len(found), -1).any(axis=1, keepdims=True)
+    return np.concatenate([np.where(visible, place, VIEW), sought(episodes) - ANYTHING], axis=1)

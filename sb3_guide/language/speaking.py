@@ -2,13 +2,14 @@
 
 import re
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 
-from sb3_guide.cloning.episodes import check_sees
+from sb3_guide.cloning.episodes import check_sees, worlds_at_once
 from sb3_guide.envs import worlds_of
 from sb3_guide.language.dictionary import Dictionary
 from sb3_guide.policies import AgentPolicy
@@ -17,6 +18,7 @@ from sb3_guide.policies.interventions import Chosen
 from sb3_guide.policies.sequences import history_of
 
 Message = str | Sequence[int] | np.ndarray
+#: actions of the paper's choreographies, by name
 CHOREOGRAPHIES = {"pirouette": ["right"] * 4, "waltz": ["forward", "forward", "right"] * 4}
 STEPS = 10  # messages that each world is told in a row, of those that measure obedience
 
@@ -103,8 +105,11 @@ def message_of(step: str, dictionary: Dictionary) -> int:
         return dictionary.message_for(dictionary.actions.index(step))
     names = dictionary.shape.names()
     if " ".join(step.split()) not in names:
-        known = ", ".join(dictionary.actions)
-        raise ValueError(f"step {step!r} is unknown: expected one of {known}, or a message such as {names[1]!r}")
+        known, shape = ", ".join(dictionary.actions), dictionary.shape
+        raise ValueError(
+            f"step {step!r} is unknown: expected one of {known}, or a message of {shape.length} words from w0 to "
+            f"w{shape.vocabulary_size - 1}, such as {names[1]!r}"
+        )
     return names.index(" ".join(step.split()))
 
 
@@ -131,18 +136,19 @@ def perform(policy: AgentPolicy, level: str, seeds: np.ndarray, told: np.ndarray
     :param told: (T, B) index of the message at each step in each world
     :raises ValueError: if the agent has no channel, or is of another level
     """
-    shape = policy.channel.encoder.shape
-    venv = worlds_of(level, len(seeds), history_of(policy.observation_space), go_on=True)
-    names = check_sees(policy, venv.observation_space, level)
-    obs: Any = venv.reset_to(seeds)
-    symbols = shape.all().numpy()[told]  # (T, B, length)
-    state, starts, taken = None, np.ones(len(seeds), dtype=bool), []
-    for message in symbols:
-        actions, state = speak(policy, {name: obs[name] for name in names}, message, state, starts)
-        obs, _, starts, _ = venv.step(actions)
-        taken.append(actions)
-    venv.close()
-    return Performance(told, np.stack(taken))
+    symbols = policy.channel.encoder.shape.all().numpy()[told]  # (T, B, length)
+    at_once, taken = worlds_at_once(level, len(seeds)), np.zeros_like(told)
+    with closing(worlds_of(level, at_once, history_of(policy.observation_space), go_on=True)) as worlds:
+        names = check_sees(policy, worlds.observation_space, level)
+        for start in range(0, len(seeds), at_once):
+            chunk = np.resize(np.arange(start, min(start + at_once, len(seeds))), at_once)  # the last one is filled up
+            obs: Any = worlds.reset_to(seeds[chunk])
+            state, starts = None, np.ones(at_once, dtype=bool)
+            for step, message in enumerate(symbols[:, chunk]):
+                seen = {name: obs[name] for name in names}
+                taken[step, chunk], state = speak(policy, seen, message, state, starts)
+                obs, _, starts, _ = worlds.step(taken[step, chunk])
+    return Performance(told, taken)
 
 
 def obey(

@@ -41,6 +41,27 @@ def uniform_cic(action_log_probs: th.Tensor) -> th.Tensor:
     return cic(action_log_probs.new_full((frames, messages), -math.log(messages)), action_log_probs)
 
 
+def tempered(message_log_probs: th.Tensor, entropy: float) -> th.Tensor:
+    """
+    What the Guide would say at the one temperature at which its messages are, on average, so uncertain. As the entropy bounds
+    CIC, only the CIC of equally uncertain messages tells who is listened to more, or when.
+
+    :param message_log_probs: (N, M) log pi_G(m|o)
+    :param entropy: mean over frames that is asked for, in nats; where a message is impossible it may be out of reach
+    :return: (N, M) log-probabilities, proportional to ``message_log_probs`` in each frame before they are normalised
+    :raises ValueError: if no messages have this entropy
+    """
+    highest = math.log(message_log_probs.shape[1])
+    if not 0 < entropy < highest:
+        raise ValueError(f"entropy={entropy}: expected a number of nats above 0 and below {highest:.2f}, log of the messages")
+    low, high = math.log(1e-3), math.log(1e5)  # temperatures
+    for _ in range(50):
+        middle = (low + high) / 2
+        found = (message_log_probs / math.exp(middle)).log_softmax(dim=1)
+        low, high = (low, middle) if message_entropy(found).mean() > entropy else (middle, high)
+    return found
+
+
 def cic_as_published(message_log_probs: th.Tensor, action_log_probs: th.Tensor) -> th.Tensor:
     """
     CIC as the code published with Lowe et al. (2019) has it, whose marginal of the actions is a mean over messages where the
@@ -67,7 +88,7 @@ def influence(messages: th.Tensor, message_log_probs: th.Tensor, action_log_prob
     """
     check_shapes(message_log_probs, action_log_probs)
     marginal = (message_log_probs.unsqueeze(-1) + action_log_probs).logsumexp(dim=1)  # log p(a), (N, A)
-    heard = action_log_probs[th.arange(len(messages)), messages]
+    heard = action_log_probs[th.arange(len(messages), device=messages.device), messages]
     return expectation(heard, heard - marginal).sum(dim=1)
 
 
@@ -81,15 +102,18 @@ def message_entropy(message_log_probs: th.Tensor) -> th.Tensor:
     return -expectation(message_log_probs, message_log_probs).sum(dim=1)
 
 
-def positive_signalling(message_log_probs: th.Tensor) -> float:
+def positive_signalling(message_log_probs: th.Tensor, weights: th.Tensor | None = None) -> float:
     """
     Mutual information of message and observation, H(E pi_G) - E H(pi_G): whether what the Guide says depends on what it sees.
 
     :param message_log_probs: (N, M) log pi_G(m|o)
+    :param weights: (N,) how often each frame counts; None for once
     :return: nats, over all frames
     """
-    marginal = message_log_probs.logsumexp(dim=0, keepdim=True) - math.log(len(message_log_probs))
-    return float(message_entropy(marginal) - message_entropy(message_log_probs).mean())
+    often = message_log_probs.new_ones(len(message_log_probs)) if weights is None else weights
+    share = often / often.sum()
+    marginal = (share.unsqueeze(1) * message_log_probs.exp()).sum(dim=0, keepdim=True)
+    return float(message_entropy(marginal.log()) - share @ message_entropy(message_log_probs))
 
 
 def expectation(log_probs: th.Tensor, values: th.Tensor) -> th.Tensor:

@@ -24,8 +24,8 @@ def joint_counts(rows: np.ndarray, columns: np.ndarray, n_rows: int, n_columns: 
 
 def symbol_information(counts: np.ndarray, length: int) -> np.ndarray:
     """
-    What each position of the message tells about the action: the mutual information of symbol and action, in nats, less the
-    bias of so few frames (Miller and Madow 1955). Below 0 there is nothing to be found.
+    What each position of the message tells about the action, or about anything else that was counted with it: the mutual
+    information, in nats, less the bias of so few frames (Miller and Madow 1955). Below 0 there is nothing to be found.
 
     :param counts: (M, A) how often each action followed each message
     :param length: symbols in a message
@@ -48,12 +48,19 @@ def mutual_information(counts: np.ndarray) -> float:
     :param counts: (R, C) how often row and column came together
     :return: nats, with Miller and Madow's correction
     """
-    total, joint = counts.sum(), counts / counts.sum()
+    rows, columns = (int((counts.sum(axis=axis) > 0).sum()) for axis in (1, 0))
+    return plain_information(counts) + float(rows + columns - (counts > 0).sum() - 1) / (2 * float(counts.sum()))
+
+
+def plain_information(counts: np.ndarray) -> float:
+    """
+    :param counts: (R, C) how often row and column came together
+    :return: nats, without a correction
+    """
+    joint = counts / counts.sum()
     independent = joint.sum(axis=1, keepdims=True) * joint.sum(axis=0)
     occurs = joint > 0
-    plain = (joint[occurs] * np.log(joint[occurs] / independent[occurs])).sum()
-    rows, columns = (int((counts.sum(axis=axis) > 0).sum()) for axis in (1, 0))
-    return float(plain + (rows + columns - occurs.sum() - 1) / (2 * total))
+    return float((joint[occurs] * np.log(joint[occurs] / independent[occurs])).sum())
 
 
 def obedience(meant: np.ndarray, taken: np.ndarray) -> tuple[float, float]:

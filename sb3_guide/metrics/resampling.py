@@ -1,4 +1,6 @@
-"""Intervals that respect episodes: frames of one episode are no independent witnesses."""
+"""Intervals that respect episodes, as frames of one episode are no independent witnesses; and what chance alone would give."""
+
+from collections.abc import Callable
 
 import numpy as np
 
@@ -28,13 +30,70 @@ def ratio_interval(numerators: np.ndarray, denominators: np.ndarray, rng: np.ran
     :return: (2, ...) float64, lower and upper bound; NaN where a denominator is nearly always 0
     :raises ValueError: if there is no episode
     """
-    episodes = len(numerators)
-    if not episodes:
-        raise ValueError("0 episodes: expected at least 1 to resample")
-    drawn = rng.multinomial(episodes, np.full(episodes, 1 / episodes), size=RESAMPLES).astype(np.float64)  # (R, E)
+    drawn = draw_episodes(len(numerators), rng)
     above, below = (np.tensordot(drawn, part, axes=1) for part in (numerators, denominators))
     with np.errstate(invalid="ignore", divide="ignore"):
-        ratios = np.where(below > 0, above / below, np.nan)
-    missing = np.isnan(ratios).mean(axis=0) > 0.5
-    ratios = np.where(missing, 0.0, ratios)
-    return np.where(missing, np.nan, np.nanpercentile(ratios, (2.5, 97.5), axis=0))
+        return bounds(np.where(below > 0, above / below, np.nan))
+
+
+def interval(statistic: Callable[[np.ndarray], float | np.ndarray], episodes: int, rng: np.random.Generator) -> np.ndarray:
+    """
+    95 % percentile interval of any statistic, whole episodes drawn with replacement a thousand times.
+
+    :param statistic: of (E,) float64, how often each episode counts
+    :param episodes: E
+    :param rng: that draws the episodes
+    :return: (2, ...) float64, lower and upper bound; NaN where the statistic nearly always is
+    :raises ValueError: if there is no episode
+    """
+    return bounds(np.array([statistic(weights) for weights in draw_episodes(episodes, rng)]))
+
+
+def bounds(found: np.ndarray) -> np.ndarray:
+    """
+    :param found: (R, ...) of each resample
+    :return: (2, ...) the middle 95 % of those that are known; NaN where more than half are not
+    """
+    missing = np.isnan(found).mean(axis=0) > 0.5
+    return np.where(missing, np.nan, np.nanpercentile(np.where(missing, 0.0, found), (2.5, 97.5), axis=0))
+
+
+def draw_episodes(episodes: int, rng: np.random.Generator) -> np.ndarray:
+    """
+    :param episodes: E
+    :param rng: that draws them
+    :return: (R, E) float64, how often each episode was drawn
+    :raises ValueError: if there is no episode
+    """
+    if not episodes:
+        raise ValueError("0 episodes: expected at least 1 to resample")
+    return rng.multinomial(episodes, np.full(episodes, 1 / episodes), size=RESAMPLES).astype(np.float64)
+
+
+def by_chance(
+    statistic: Callable[[np.ndarray], float], strata: np.ndarray, rng: np.random.Generator, permutations: int = RESAMPLES
+) -> np.ndarray:
+    """
+    Values of a statistic when what goes together is shuffled.
+
+    :param statistic: of (N,) int64, the frame that takes the place of each frame
+    :param strata: (N,) int64; frames are shuffled among those of the same stratum, all zeros for among all
+    :param rng: that shuffles
+    :param permutations: how often
+    :return: (permutations,) float64
+    """
+    grouped, found = np.argsort(strata, kind="stable"), []
+    for _ in range(permutations):
+        order = np.empty(len(strata), dtype=np.int64)
+        order[grouped] = np.lexsort((rng.random(len(strata)), strata))
+        found.append(statistic(order))
+    return np.array(found)
+
+
+def p_value(observed: float, chance: np.ndarray) -> float:
+    """
+    :param observed: value of a statistic that is the greater, the more there is to be found
+    :param chance: as :func:`by_chance` returns it
+    :return: of a one-sided permutation test; never 0, as what was observed is one of the permutations; NaN if that is NaN
+    """
+    return float("nan") if np.isnan(observed) else float((1 + (chance >= observed).sum()) / (1 + len(chance)))

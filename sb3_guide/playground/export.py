@@ -10,7 +10,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from sb3_guide.envs import ACTIONS
 from sb3_guide.envs.rendering import TILE
-from sb3_guide.experiments.stages.animation import Caption, write_animation
+from sb3_guide.language.animation import Caption, write_animation
 from sb3_guide.playground.episode import Turn
 from sb3_guide.playground.pictures import data_url, draw_view
 from sb3_guide.playground.session import Seat

@@ -20,6 +20,7 @@ WITHOUT_CHECKSUM = 1  # the format before
 NETWORK, AGENT = "network.safetensors", "agent.json"
 MOST_BYTES = 2**30  # of weights
 LARGEST = 2**23  # values in an observation
+ACTIONS = 2**16  # at most
 
 
 @dataclass(frozen=True)
@@ -146,8 +147,8 @@ def space_of(description: dict[str, dict[str, Any]]) -> spaces.Dict:
     """
     try:
         return spaces.Dict({name: box_of(**box) for name, box in description.items()})
-    except (AttributeError, OverflowError, TypeError) as error:
-        raise ValueError(f"{description} describes no observation space ({error!r})") from error
+    except (AssertionError, AttributeError, OverflowError, TypeError, ValueError) as error:
+        raise ValueError(f"agent.json describes no observation space ({error!r})") from error
 
 
 def box_of(shape: list[int], dtype: str, low: Any, high: Any) -> spaces.Box:
@@ -158,8 +159,18 @@ def box_of(shape: list[int], dtype: str, low: Any, high: Any) -> spaces.Box:
     :param high: see :func:`bounds`
     :raises ValueError: if there is no such Box, or it is larger than anything that agents see
     """
-    if not fits(shape, list[int]) or not 0 < math.prod(shape) <= LARGEST:
-        raise ValueError(f"shape {reprlib.repr(shape)}: expected 1 to {LARGEST} values")
+    if not fits(shape, list[int]) or not 0 < math.prod(shape) <= LARGEST or np.dtype(dtype).kind not in "buif":
+        raise ValueError(f"shape {reprlib.repr(shape)} of {dtype}: expected 1 to {LARGEST} numbers")
     kind = np.dtype(dtype).type
     lowest, highest = (np.broadcast_to(np.array(bound, kind), shape) for bound in (low, high))
     return spaces.Box(lowest, highest, tuple(shape), kind)
+
+
+def actions_of(count: Any) -> spaces.Discrete:
+    """
+    :param count: of actions, as agent.json has it
+    :raises ValueError: if there can't be so many
+    """
+    if not isinstance(count, int) or not 1 <= count <= ACTIONS:
+        raise ValueError(f"agent.json tells of {count!r} actions: expected 1 to {ACTIONS}")
+    return spaces.Discrete(count)

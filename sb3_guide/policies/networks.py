@@ -74,7 +74,10 @@ class AgentNetwork(nn.Module):
         :param observations: of B worlds, see :func:`~sb3_guide.policies.sequences.windows`
         """
         seen = windows(observations)
-        return self.latent(self.recall(seen), Scene(th.arange(len(seen.lengths)), lambda: self._recall_before(seen)))
+        return self.latent(
+            self.recall(seen),
+            Scene(th.arange(len(seen.lengths), device=seen.lengths.device), lambda: self._recall_before(seen)),
+        )
 
     def _recall_before(self, seen: Sequences) -> th.Tensor:
         """

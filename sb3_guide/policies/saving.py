@@ -12,7 +12,7 @@ from torch import nn
 from sb3_guide.envs import ACTIONS, observation_space
 from sb3_guide.policies.agents import GuideAgent, LearnerAgent
 from sb3_guide.policies.base import AgentPolicy
-from sb3_guide.policies.folder import Description, described, package_versions, read_agent, space_of, write_agent
+from sb3_guide.policies.folder import Description, actions_of, described, package_versions, read_agent, space_of, write_agent
 from sb3_guide.policies.pretrained import within
 from sb3_guide.policies.recurrent import RecurrentGuidedLearnerPolicy, RecurrentGuidePolicy, RecurrentLearnerPolicy
 from sb3_guide.policies.sequences import history_of
@@ -139,7 +139,7 @@ def build(policy_class: type[AgentPolicy], description: Description) -> AgentPol
     of_levels = observation_space(description.history)
     return policy_class(
         of_levels if description.observation_space is None else space_of(description.observation_space),
-        spaces.Discrete(len(ACTIONS) if description.actions is None else description.actions),
+        actions_of(len(ACTIONS) if description.actions is None else description.actions),
         lambda _: 0.0,
         activation_fn=getattr(nn, name),
         **kwargs,

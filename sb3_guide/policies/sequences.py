@@ -23,6 +23,10 @@ class Sequences(NamedTuple):
     missions: th.Tensor
     lengths: th.Tensor
 
+    def to(self, device: th.device) -> "Sequences":
+        """:return: the same on a device"""
+        return Sequences(*(part.to(device) for part in self))
+
 
 def frames(observations: Observations) -> Sequences:
     """

@@ -1,12 +1,17 @@
-"""Trained agents with a channel: for each level a Guide (stage 2) and a Learner that hears it (stage 3), with model cards."""
+"""
+Trained agents with a channel: for each level a Guide (stage 2) and a Learner that hears it (stage 3), with model cards and
+what their words mean.
+"""
 
 from pathlib import Path
 
 from sb3_guide.envs import level_of
+from sb3_guide.language import Dictionary, read_dictionary
 from sb3_guide.policies import AgentPolicy, load_agent
 from sb3_guide.policies.folder import AGENT
 
 FOLDER = Path(__file__).parent
+DICTIONARY = "dictionary.json"
 
 
 def speaker_folder(level: str, agent: str) -> Path:
@@ -44,3 +49,15 @@ def load_guided_learner(level: str) -> AgentPolicy:
     :raises ValueError: if the level is unknown, or there is no such Learner for it
     """
     return load_agent(speaker_folder(level, "guided"))
+
+
+def load_dictionary(level: str, agent: str = "guided") -> Dictionary:
+    """
+    Load what the words of a trained agent mean to it, learned on 500 missions.
+
+    :param level: name or id of the level
+    :param agent: "guide" or "guided"
+    :return: its dictionary; ``load_dictionary("GoToLocal").word("left")`` is the message to tell the guided Learner
+    :raises ValueError: if the level is unknown, or there is no such agent for it
+    """
+    return read_dictionary(speaker_folder(level, agent) / DICTIONARY)

@@ -18,7 +18,7 @@ from tests.callbacks.helpers import learn_and_log
 from tests.policies.helpers import make_policy, random_images, random_missions
 
 LEVEL = "GuideGrid-GoToObj-v0"
-KEYS = {"guide/cic", "guide/uniform_cic", "guide/message_entropy"}
+KEYS = {"guide/cic", "guide/uniform_cic", "guide/message_entropy", "guide/tempered_cic"}
 SHORT = {"n_steps": 16, "seed": 0}
 
 

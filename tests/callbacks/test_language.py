@@ -1,7 +1,10 @@
 """Pictures of a language in TensorBoard."""
 
+import io
+
 import pytest
 import torch as th
+from PIL import Image
 from sb3_contrib import RecurrentPPO
 from stable_baselines3 import A2C, PPO
 from stable_baselines3.common.logger import configure
@@ -26,8 +29,11 @@ def test_tensorboard_shows_messages_and_what_follows_them(algorithm, tmp_path):
     events.Reload()
     (histogram,) = events.Histograms("guide/messages")
     assert histogram.histogram_value.num > 0
-    (picture,) = events.Images("guide/actions")
+    (picture,), (clip,) = events.Images("guide/actions"), events.Images("guide/episode")
     assert picture.encoded_image_string.startswith(b"\x89PNG")
+    assert clip.encoded_image_string.startswith(b"GIF89a")
+    assert picture.step == clip.step == 2 * 4 * 16
+    assert (clip.width, clip.height) == Image.open(io.BytesIO(clip.encoded_image_string)).size
     assert "guide/actions" not in (tmp_path / "progress.csv").read_text()
 
 

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 import torch as th
 from imitation.util.logger import HierarchicalLogger
-from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from sb3_guide.callbacks import LanguagePictures
 from sb3_guide.cloning.bc import EpisodeLoader, EpisodeLoss, episode_bc
 from sb3_guide.policies import (
     LearnerPolicy,
@@ -117,3 +119,16 @@ def test_the_same_seed_gives_the_same_agent():
 def test_windows_are_not_cloned():
     with pytest.raises(ValueError, match="LearnerPolicy remembers windows: expected RecurrentLearnerPolicy"):
         episode_bc(make_policy(LearnerPolicy), make_demonstrations([3, 2]), seed=0, **SETTINGS)
+
+
+def test_pictures_of_the_language_after_each_epoch(tmp_path):
+    logger = HierarchicalLogger(Logger(folder=None, output_formats=[TensorBoardOutputFormat(str(tmp_path))]))
+    policy = make_policy(RecurrentGuidePolicy)
+    algorithm, _ = episode_bc(policy, make_demonstrations([2, 3]), seed=0, **{**SETTINGS, "logger": logger})
+    pictures = LanguagePictures(policy, "GoToObj", logger, n_episodes=2)
+    algorithm.train(n_epochs=2, on_epoch_end=pictures, progress_bar=False)
+    assert policy.training
+    events = EventAccumulator(str(tmp_path), size_guidance={"images": 0})
+    events.Reload()
+    for name in ("guide/actions", "guide/episode"):
+        assert [picture.step for picture in events.Images(name)] == [1, 2]

@@ -1,8 +1,5 @@
 """Any recurrent policy is cloned, and goes on under RecurrentPPO."""
 
-import re
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch as th
@@ -18,7 +15,6 @@ from sb3_guide.policies import FiLMExtractor
 from sb3_guide.policies.sequences import Sequences
 from tests.cloning.helpers import make_demonstrations, make_episodes
 
-PAGE = Path(__file__).parents[2] / "docs" / "cloning.md"
 SMALL = {"features_extractor_class": FiLMExtractor, "lstm_hidden_size": 8}
 VARIANTS = [
     {},
@@ -91,13 +87,3 @@ def test_demonstrations_have_no_history():
     env = GuideGridVecEnv("GuideGrid-GoToObj-v0", n_envs=1, history=3)
     with pytest.raises(ValueError, match="expected image and mission alone, as with history=0"):
         pretrain(RecurrentPPO("LearnerPolicy", env), make_demonstrations([2]), n_epochs=1, batch_size=1)
-
-
-def test_the_example_of_the_docs(tmp_path, monkeypatch):
-    (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
-    monkeypatch.chdir(tmp_path)
-    assert "1_000" in code
-    assert "20_000" in code
-    scope: dict[str, object] = {}
-    exec(code.replace("1_000", "200").replace("20_000", "128"), scope)
-    assert isinstance(scope["model"], RecurrentPPO)

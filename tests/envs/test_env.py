@@ -159,4 +159,4 @@ def test_human_mode_shows_a_window(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_importing_again_changes_nothing() -> None:
     """Registration is guarded."""
     ids = [name for name in gymnasium.registry if name.startswith("GuideGrid")]
-    assert len(ids) == len(sb3_guide.envs.LEVELS) == 26
+    assert len(ids) == len(sb3_guide.envs.LEVELS) == 30

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sb3_guide.envs import ACTIONS
-from sb3_guide.language import Dictionary
+from sb3_guide.language import Dictionary, read_dictionary, save_dictionary
 from sb3_guide.policies.channel import MessageShape
 
 LEFT, RIGHT, FORWARD = (ACTIONS.index(name) for name in ("left", "right", "forward"))
@@ -36,3 +36,34 @@ def test_what_cannot_be_said_is_named():
         dictionary(m0={LEFT: 50}, m1={FORWARD: 50}).message_for(RIGHT)
     with pytest.raises(ValueError, match="its messages mean none"):
         dictionary().message_for(RIGHT)
+
+
+def test_an_action_is_said_in_a_word():
+    words = dictionary(m0={LEFT: 50}, m3={FORWARD: 60})
+    assert words.word("forward") == "w1 w1"
+    with pytest.raises(ValueError, match="'jump' is no action: expected one of left, right"):
+        words.word("jump")
+
+
+def test_a_dictionary_is_kept(tmp_path):
+    words = dictionary(m0={LEFT: 50, RIGHT: 2}, m3={FORWARD: 60})
+    save_dictionary(words, tmp_path / "dictionary.json")
+    again = read_dictionary(tmp_path / "dictionary.json")
+    assert (again.shape, again.actions) == (words.shape, words.actions)
+    assert np.array_equal(again.counts, words.counts)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{",
+        "[]",
+        '{"shape": {"length": 2}}',
+        '{"shape": {"length": 1, "vocabulary_size": 2}, "actions": ["left"], "followed": {"w0": {"jump": 1}}}',
+        '{"shape": {"length": 1, "vocabulary_size": 2}, "actions": ["left"], "followed": {"w2": {"left": 1}}}',
+    ],
+)
+def test_a_damaged_dictionary_is_refused(text, tmp_path):
+    (tmp_path / "dictionary.json").write_text(text)
+    with pytest.raises(ValueError, match=r"dictionary\.json is no"):
+        read_dictionary(tmp_path / "dictionary.json")

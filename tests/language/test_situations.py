@@ -5,7 +5,7 @@ import pytest
 
 from sb3_guide.cloning import Episodes
 from sb3_guide.envs.vocabulary import encode
-from sb3_guide.language import SITUATIONS, situations, targets
+from sb3_guide.language import SITUATIONS, meanings, situations, targets
 
 EMPTY, BALL, KEY = (1, 0, 0), (6, 0, 0), (5, 2, 0)  # a red ball, a blue key
 
@@ -45,3 +45,9 @@ def test_what_is_carried_is_no_target_and_where_it_goes_is():
     mission = "put the red ball next to the blue key"
     before, after = {(3, 5): BALL, (0, 6): KEY}, {(3, 6): BALL, (0, 6): KEY}
     assert [np.argwhere(frame).tolist() for frame in targets(episode(mission, before, after))] == [[[3, 5]], [[0, 6]]]
+
+
+def test_meanings_are_about_the_nearest_target_and_what_it_is():
+    mission, red, ball = "go to the red ball", 0 + 1, 6 + 1  # colour and type from 0, which stands for any
+    played = episode(mission, {(3, 2): BALL, (1, 5): BALL, (3, 5): KEY}, {})
+    assert meanings(played, targets(played)).tolist() == [[1, 5, ball, red], [7, 7, ball, red]]

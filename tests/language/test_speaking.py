@@ -1,6 +1,7 @@
 """Speaking to agents, with those that are shipped."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import sb3_guide
 from sb3_guide.cloning import mission_seeds, play
 from sb3_guide.envs import ACTIONS
 from sb3_guide.language import ablate, ablations, learn, obey, perform, read, steps_of
+from sb3_guide.language.analysis import change, structure
 from sb3_guide.metrics import obedience
 from sb3_guide.policies.interventions import Intervention
 
@@ -41,6 +43,26 @@ def test_reading_says_what_was_said_and_done(policy, reading):
     heard = reading.action_log_probs[np.arange(frames), reading.messages]
     assert (heard.argmax(dim=1).numpy() == episodes.actions).mean() > 0.999
     assert reading.episode[-1] == 99
+
+
+def test_a_guide_that_always_says_the_same_has_a_language_without_structure(reading):
+    mute = replace(reading, messages=np.zeros_like(reading.messages))
+    for found in structure(mute).values():
+        assert set(found.values()) == {None}
+    spoken = structure(reading)["topographic_similarity"]
+    assert spoken["low"] < spoken["value"] < spoken["high"]
+    assert spoken["p_value"] < 0.01
+
+
+def test_what_became_of_words(policy, reading):
+    guide = read(sb3_guide.load_guide(LEVEL), LEVEL, mission_seeds("validation", 100))
+    found = change(guide, reading)
+    w0_w0, left = 0, ACTIONS.index("left")
+    assert found["change"][w0_w0][left] == pytest.approx(0, abs=0.02)
+    low, high = np.array(found["change_intervals"], dtype=float)
+    known = ~np.isnan(low)
+    assert (low[known] <= high[known]).all()
+    assert np.abs(np.array(change(reading, reading)["change"], dtype=float)[w0_w0]).max() == 0
 
 
 def test_the_agent_does_what_it_is_told(policy, dictionary):

@@ -7,7 +7,15 @@ import torch as th
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sb3_guide.metrics import cic, cic_as_published, influence, message_entropy, positive_signalling, uniform_cic
+from sb3_guide.metrics import (
+    cic,
+    cic_as_published,
+    influence,
+    message_entropy,
+    positive_signalling,
+    tempered,
+    uniform_cic,
+)
 
 CERTAIN_OF_FIRST = th.tensor([[1.0, 0.0, 0.0]]).log()
 UNIFORM = th.full((1, 3), 1 / 3).log()
@@ -62,6 +70,13 @@ def test_positive_signalling_is_what_messages_tell_of_observations():
     assert positive_signalling(CERTAIN_OF_FIRST.expand(5, 3)) == pytest.approx(0.0, abs=1e-6)
 
 
+def test_positive_signalling_of_frames_that_count_several_times():
+    frames = th.randn(5, 3, generator=th.Generator().manual_seed(0)).log_softmax(-1)
+    often = th.tensor([2, 0, 1, 3, 1])
+    repeated = positive_signalling(frames.repeat_interleave(often, dim=0))
+    assert positive_signalling(frames, often.float()) == pytest.approx(repeated, abs=1e-6)
+
+
 @given(seed=st.integers(0, 10_000), messages=st.integers(2, 9), actions=st.integers(2, 7), sharpness=st.floats(0, 200))
 def test_cic_lies_between_zero_and_its_bounds(seed, messages, actions, sharpness):
     generator = th.Generator().manual_seed(seed)
@@ -100,3 +115,24 @@ def test_the_expected_influence_of_the_guides_messages_is_cic(seed, n_messages, 
 
 def test_the_published_code_is_log_of_the_messages_too_high():
     assert cic_as_published(UNIFORM, OBEYS).item() == pytest.approx(2 * math.log(3))
+
+
+def test_a_tempered_guide_has_the_entropy_that_was_asked_for_and_the_same_preferences():
+    sure = (th.randn(50, 9, generator=th.Generator().manual_seed(0)) * 20).log_softmax(-1)
+    softer = tempered(sure, entropy=1.0)
+    assert message_entropy(softer).mean().item() == pytest.approx(1.0, abs=1e-3)
+    assert softer.exp().sum(dim=1).tolist() == pytest.approx([1.0] * 50)
+    assert th.equal(softer.argsort(dim=1), sure.argsort(dim=1))
+
+
+def test_tempering_by_hand():
+    # odds of 16 to 1 at temperature 1 are odds of 4 to 1 at temperature 2
+    sixteen = th.tensor([[16 / 17, 1 / 17]]).log()
+    asked = -(0.8 * math.log(0.8) + 0.2 * math.log(0.2))
+    assert tempered(sixteen, asked).exp()[0].tolist() == pytest.approx([0.8, 0.2], abs=1e-4)
+
+
+@pytest.mark.parametrize("entropy", [0, -1, math.log(3), 5])
+def test_no_messages_have_such_an_entropy(entropy):
+    with pytest.raises(ValueError, match=r"expected a number of nats above 0 and below 1\.10"):
+        tempered(UNIFORM, entropy)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sb3_guide.metrics import episode_sums, ratio_interval
+from sb3_guide.metrics import by_chance, episode_sums, interval, p_value, ratio_interval
 
 
 def test_sums_of_each_episode():
@@ -49,3 +49,29 @@ def test_the_same_seed_gives_the_same_interval():
 def test_no_episode_has_no_interval():
     with pytest.raises(ValueError, match="0 episodes"):
         ratio_interval(np.zeros(0), np.zeros(0), np.random.default_rng(0))
+
+
+def test_the_interval_of_any_statistic_is_that_of_a_ratio_where_it_is_one():
+    rng = np.random.default_rng(0)
+    sums, lengths = rng.normal(5, 1, size=30), rng.integers(1, 5, size=30)
+    of_any = interval(lambda often: often @ sums / (often @ lengths), 30, np.random.default_rng(1))
+    assert of_any == pytest.approx(ratio_interval(sums, lengths, np.random.default_rng(1)))
+
+
+def test_chance_shuffles_within_strata_only():
+    strata = np.array([0, 1, 0, 1, 0])
+    seen = []
+
+    def look(order: np.ndarray) -> float:
+        seen.append(order)
+        return 0.0
+
+    by_chance(look, strata, np.random.default_rng(0), permutations=50)
+    assert all((strata[order] == strata).all() and sorted(order) == list(range(5)) for order in seen)
+    assert len({tuple(order) for order in seen}) > 5
+
+
+def test_p_values_by_hand():
+    assert p_value(3.0, np.array([1.0, 2.0, 3.0, 4.0])) == pytest.approx(3 / 5)
+    assert p_value(9.0, np.zeros(99)) == pytest.approx(1 / 100)
+    assert np.isnan(p_value(np.nan, np.zeros(99)))

@@ -1,5 +1,8 @@
 """Images and missions of any form: what agents make of them, and what they say where they can make nothing of them."""
 
+import json
+
+import minigrid  # noqa: F401  # registers its environments
 import numpy as np
 import pytest
 import torch as th
@@ -177,6 +180,35 @@ def test_bounds_that_differ_come_back_from_an_agents_folder(tmp_path):
     assert load_agent(tmp_path).observation_space == space
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("actions", 10**9, "tells of 1000000000 actions: expected 1 to 65536"),
+        ("actions", "two", "tells of 'two' actions"),
+        ("observation_space", {"image": {}}, "describes no observation space"),
+        ("observation_space", [1], "describes no observation space"),
+        (
+            "observation_space",
+            {"image": {"shape": [10**9] * 3, "dtype": "uint8", "low": 0, "high": 1}},
+            "expected 1 to 16777216",
+        ),
+        ("observation_space", {"image": {"shape": [2, 2, 1], "dtype": "O", "low": 0, "high": 1}}, "of O: expected"),
+        (
+            "observation_space",
+            {"image": {"shape": [2, 2, 1], "dtype": "uint8", "low": [0], "high": [1, 2, 3]}},
+            "describes no",
+        ),
+        ("observation_space", {}, "the observation space has no image"),
+    ],
+)
+def test_an_agents_folder_that_describes_impossible_spaces(name, value, message, tmp_path):
+    save_agent(make(LearnerPolicy, "cells"), tmp_path)
+    path = tmp_path / "agent.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), name: value}))
+    with pytest.raises(ValueError, match=message):
+        load_agent(tmp_path)
+
+
 @pytest.mark.parametrize("kind", ["pixels", "cells"])
 def test_sb3s_zip_holds_the_spaces_too(kind, tmp_path):
     model = PPO("GuidePolicy", make_vec_env(lambda: Signal(kind), 2), n_steps=8, batch_size=16)
@@ -226,6 +258,13 @@ def test_actions_that_agents_can_not_take():
 def test_a_space_without_an_image_in_an_algorithm():
     with pytest.raises(ValueError, match=r"the observation space has no image: .* got Box\("):
         PPO("GuidePolicy", "CartPole-v1")
+
+
+def test_a_mission_as_text_in_an_algorithm():
+    with pytest.raises(
+        ValueError, match=r"'mission' of the observations is MissionSpace.*sb3_guide\.envs\.TextMissionWrapper"
+    ):
+        PPO("GuidePolicy", "MiniGrid-DoorKey-5x5-v0")
 
 
 def test_images_too_small_for_the_papers_pooling():

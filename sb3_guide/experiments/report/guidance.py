@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -252,17 +253,20 @@ def cost_table(study: Study, levels: Sequence[str], conditions: Sequence[str]) -
 
 
 def influence_table(study: Study) -> list[str]:
-    """:return: what a guided Learner's messages cause after the first quarter of an epoch and in the end, in nats"""
+    """
+    :return: what a guided Learner's messages cause over its training, in nats; with a frozen Guide, whose messages are as
+        uncertain in the end as before, so that the bound on CIC does not move
+    """
     rows = []
-    for level in study.levels():
-        if study.has(level, "guided"):
-            curves = study.curves[(study.curves["level"] == level) & (study.curves["condition"] == "guided")]
-            epoch = study.episodes(level, "guided", 1)
-            for when, episodes in (("1/4", epoch / 4), ("1", epoch), ("end", curves["episodes"].max())):
+    for level, condition in product(study.levels(), ("guided", "frozen")):
+        if study.has(level, condition):
+            curves = study.curves[(study.curves["level"] == level) & (study.curves["condition"] == condition)]
+            epoch = study.episodes(level, condition, 1)
+            for when, episodes in (("1/4", epoch / 4), ("1", epoch), ("2", 2 * epoch), ("end", curves["episodes"].max())):
                 nearest = curves.loc[(curves["episodes"] - episodes).abs().groupby(curves["seed"]).idxmin()]
                 measures = [interval(nearest[name].to_numpy(), ".4f") for name in ("cic", "message_entropy", "uniform_cic")]
-                rows.append([level, when, str(len(nearest)), *measures])
-    return table(["level", "epoch", "seeds", "CIC", "message entropy", "uniform CIC"], rows)
+                rows.append([level, condition, when, str(len(nearest)), *measures])
+    return table(["level", "condition", "epoch", "seeds", "CIC", "message entropy", "uniform CIC"], rows)
 
 
 def reached(study: Study, level: str, condition: str) -> dict[int, float]:

@@ -4,7 +4,7 @@ import time
 from pathlib import Path
 
 from sb3_guide.cloning import mission_seeds
-from sb3_guide.experiments.stages.levels import environment
+from sb3_guide.experiments.stages.levels import level_of_agent
 from sb3_guide.experiments.stages.runs import record, use_threads
 from sb3_guide.experiments.stages.statistics import paired_successes, wilson_interval
 from sb3_guide.files import write_json
@@ -12,17 +12,17 @@ from sb3_guide.language import ablate, ablations, read
 from sb3_guide.policies import load_agent
 
 
-def ablate_agent(agent: Path, level: str, n_episodes: int, out: Path, threads: int) -> None:
+def ablate_agent(agent: Path, level: str | None, n_episodes: int, out: Path, threads: int) -> None:
     """
     :param agent: folder of an agent with a channel
-    :param level: see :func:`~sb3_guide.experiments.stages.levels.environment`
+    :param level: see :func:`~sb3_guide.experiments.stages.levels.level_of_agent`
     :param n_episodes: missions to play with each intervention, from the analysis split; how often the agent says what is
         learned on as many of the validation split
     :param out: JSON file to write
     :param threads: of torch
-    :raises ValueError: if the agent has no channel
+    :raises ValueError: if the agent has no channel, or is of another level
     """
-    level = environment(level)
+    level = level_of_agent(agent, level)
     use_threads(threads)
     started = time.monotonic()
     policy = load_agent(agent)

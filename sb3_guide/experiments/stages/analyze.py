@@ -4,51 +4,41 @@ import time
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
-import torch as th
 from matplotlib.figure import Figure
 
-from sb3_guide.cloning import load_demonstrations, measure_communication, mission_seeds
-from sb3_guide.envs import GuideGridEnv, is_level
-from sb3_guide.experiments.stages.animation import Caption, write_animation
-from sb3_guide.experiments.stages.levels import environment
+from sb3_guide.cloning import Demonstrations, load_demonstrations, mission_seeds
+from sb3_guide.envs import is_level
+from sb3_guide.experiments.stages.levels import level_of_agent
 from sb3_guide.experiments.stages.runs import record, use_threads
 from sb3_guide.files import write_json
-from sb3_guide.language import SITUATIONS, Reading, memory_of, read, situations, targets
-from sb3_guide.language.pictures import conditional_bars, save_figure, view_maps
-from sb3_guide.metrics import (
-    cic,
-    cic_as_published,
-    episode_sums,
-    influence,
-    joint_counts,
-    message_entropy,
-    positive_signalling,
-    ratio_interval,
-    symbol_information,
-    uniform_cic,
-)
+from sb3_guide.language import Reading, read, read_along
+from sb3_guide.language.analysis import change, communication, in_situations, influences, structure, tables
+from sb3_guide.language.animation import replay, worth_watching, write_animation
+from sb3_guide.language.pictures import change_bars, conditional_bars, save_figure, view_maps
 from sb3_guide.policies import load_agent
 
-SHOWN_LENGTH = 8  # frames that an episode needs to be worth watching
 
-
-def analyze(agent: Path, level: str, demos: Path | None, out: Path, threads: int, n_episodes: int = 500) -> None:
+def analyze(
+    agent: Path, level: str | None, demos: Path | None, guide: Path | None, out: Path, threads: int, n_episodes: int = 500
+) -> None:
     """
     :param agent: folder of an agent with a channel
-    :param level: see :func:`~sb3_guide.experiments.stages.levels.environment`
+    :param level: see :func:`~sb3_guide.experiments.stages.levels.level_of_agent`
     :param demos: file of demonstrations that no agent was trained on, along which CIC is measured as well, as in the paper
+    :param guide: folder of the Guide that the agent has learned from, to tell what became of its words
     :param out: folder for analysis.json, its figures and episode.gif
     :param threads: of torch
     :param n_episodes: missions to play, from the analysis split
-    :raises ValueError: if the agent has no channel, or the demonstrations are damaged
+    :raises ValueError: if an agent has no channel or is of another level, or the demonstrations are, or are damaged
     """
-    level = environment(level)
+    level = level_of_agent(agent, level)
     use_threads(threads)
     started = time.monotonic()
-    policy = load_agent(agent)
-    reading = read(policy, level, mission_seeds("analysis", n_episodes))
+    policy, seeds = load_agent(agent), mission_seeds("analysis", n_episodes)
+    demonstrations = None if demos is None else demonstrations_of(demos, level)
+    before = None if guide is None else read(load_agent(guide), level_of_agent(guide, level), seeds)
+    reading = read(policy, level, seeds)
     found: dict[str, Any] = {
         "agent": type(policy).__name__,
         "messages": reading.shape.names(),
@@ -56,83 +46,50 @@ def analyze(agent: Path, level: str, demos: Path | None, out: Path, threads: int
         "episodes": len(reading.episodes),
         "frames": len(reading.messages),
         **tables(reading),
-        **(in_situations(reading) if is_level(level) else {}),
+        **({**in_situations(reading), **structure(reading)} if is_level(level) else {}),
         "in_play": communication(reading),
-        "positive_signalling": positive_signalling(reading.message_log_probs),
+        "episode": step_by_step(reading, worth_watching(reading)),
     }
-    if demos is not None:
-        found |= measure_communication(policy, memory_of(policy, load_demonstrations(demos).episodes))
+    if demonstrations is not None:
+        found["along_demonstrations"] = communication(read_along(policy, level, demonstrations.episodes))
+    if before is not None:
+        found |= change(before, reading)
     out.mkdir(parents=True, exist_ok=True)
     draw(found, out)
-    animate(reading, level, out / "episode.gif")
-    settings = {"level": level, "folder": str(agent), "demos": None if demos is None else str(demos), "threads": threads}
+    if (shown := replay(reading, level, worth_watching(reading))) is not None:
+        write_animation(out / "episode.gif", *shown)
+    settings = {
+        "level": level,
+        "folder": str(agent),
+        "demos": None if demos is None else str(demos),
+        "guide": None if guide is None else str(guide),
+        "threads": threads,
+    }
     write_json(out / "analysis.json", {**record("analyze", settings, time.monotonic() - started), **found})
 
 
-def tables(reading: Reading) -> dict[str, Any]:
-    """:return: which actions follow which messages: counts, and 95 % intervals (2, M, A) of the conditional probabilities"""
-    episodes, n_messages = reading.episodes, reading.shape.count
-    actions = by_episode(reading.episode, reading.messages, episodes.actions, len(episodes), n_messages, len(reading.actions))
-    return {
-        "counts": actions.sum(axis=0).tolist(),
-        "action_intervals": intervals(actions),
-        "symbol_information": symbol_information(actions.sum(axis=0), reading.shape.length).tolist(),
-    }
-
-
-def in_situations(reading: Reading) -> dict[str, Any]:
-    """:return: which messages are spoken where: counts and intervals as in :func:`tables`, with the target in each cell too"""
-    episodes, messages, n_messages = reading.episodes, reading.messages, reading.shape.count
-    found = targets(episodes)
-    situation = situations(found)
-    inside = situation >= 0
-    frame, across, down = found.nonzero()
-    cells = joint_counts(across * found.shape[2] + down, messages[frame], found[0].size, n_messages)
-    spoken = by_episode(
-        reading.episode[inside], situation[inside], messages[inside], len(episodes), len(SITUATIONS), n_messages
-    )
-    return {
-        "situations": list(SITUATIONS),
-        "situation_counts": spoken.sum(axis=0).tolist(),
-        "situation_intervals": intervals(spoken),
-        "cell_counts": cells.reshape(*found.shape[1:], n_messages).tolist(),
-    }
-
-
-def by_episode(
-    episode: np.ndarray, rows: np.ndarray, columns: np.ndarray, n_episodes: int, n_rows: int, n_columns: int
-) -> np.ndarray:
-    """:return: (E, R, C) int64, how often each row came with each column in each episode"""
-    return joint_counts(episode * n_rows + rows, columns, n_episodes * n_rows, n_columns).reshape(
-        n_episodes, n_rows, n_columns
-    )
-
-
-def intervals(counts: np.ndarray) -> list[Any]:
+def demonstrations_of(path: Path, level: str) -> Demonstrations:
     """
-    :param counts: (E, R, C) of each episode
-    :return: (2, R, C) bounds of P(column|row), None where a row hardly occurs
+    :param path: of their file
+    :param level: name of the level
+    :raises ValueError: if they are damaged, or of another level
     """
-    bounds = ratio_interval(counts, counts.sum(axis=2, keepdims=True), np.random.default_rng(0))
-    return np.where(np.isnan(bounds), np.array(None), bounds).tolist()
-
-
-def communication(reading: Reading) -> dict[str, dict[str, float]]:
-    """:return: mean over the frames that were played, and its 95 % interval, of each measure of communication, in nats"""
-    spoken, acted = reading.message_log_probs, reading.action_log_probs
-    measures = {
-        "cic": cic(spoken, acted),
-        "cic_as_published": cic_as_published(spoken, acted),
-        "uniform_cic": uniform_cic(acted),
-        "message_entropy": message_entropy(spoken),
-        "influence": influence(th.as_tensor(reading.messages), spoken, acted),
-    }
-    found = {}
-    for name, values in measures.items():
-        sums = episode_sums(values.numpy(), reading.episode)
-        low, high = ratio_interval(sums, reading.episodes.lengths, np.random.default_rng(0))
-        found[name] = {"mean": float(values.mean()), "low": float(low), "high": float(high)}
+    found = load_demonstrations(path)
+    if found.level != level:
+        raise ValueError(f"{path} holds demonstrations of {found.level}: expected {level}, as the agent plays it")
     return found
+
+
+def step_by_step(reading: Reading, episode: int) -> dict[str, Any]:
+    """:return: what was said and done at each step of an episode, and how far the message moved the agent, in nats"""
+    first, last = reading.episodes.offsets[episode : episode + 2]
+    moved, names = influences(reading), reading.shape.names()
+    return {
+        "mission_seed": int(reading.episodes.seeds[episode]),
+        "messages": [names[message] for message in reading.messages[first:last]],
+        "actions": [reading.actions[action] for action in reading.episodes.actions[first:last]],
+        **{name: moved[name][first:last].tolist() for name in ("influence", "influence_among_all")},
+    }
 
 
 def draw(found: dict[str, Any], out: Path) -> None:
@@ -151,41 +108,7 @@ def draw(found: dict[str, Any], out: Path) -> None:
         figure = bars(rows, messages, found["situation_counts"], found["situation_intervals"])
         save_figure(figure, out / "situations.png")
         save_figure(view_maps(messages, np.array(found["cell_counts"])), out / "cells.png")
-
-
-def animate(reading: Reading, level: str, path: Path) -> None:
-    """
-    Draw the first successful episode that is long enough to be worth watching, or the longest successful one, if the
-    environment can draw itself.
-
-    :param reading: what was played
-    :param level: name of the level, or id of another environment
-    :param path: of the GIF
-    """
-    episodes, names = reading.episodes, reading.shape.names()
-    env = drawn(level)
-    if env is None:
-        return
-    lengths = np.where(episodes.successes, episodes.lengths, 0)
-    shown = int(np.argmax(lengths.clip(max=SHOWN_LENGTH)))
-    first, last = episodes.offsets[shown : shown + 2]
-    env.reset(seed=int(episodes.seeds[shown]))
-    mission = getattr(env.unwrapped, "mission", "")
-    frames: list[Any] = []
-    captions = []
-    for message, action in zip(reading.messages[first:last], episodes.actions[first:last], strict=True):
-        frames.append(env.render())
-        captions.append(Caption(mission, names[message], reading.actions[action]))
-        env.step(action)
-    frames.append(env.render())
-    captions.append(Caption(mission, "", ""))
-    env.close()
-    write_animation(path, frames, captions)
-
-
-def drawn(level: str) -> gymnasium.Env | None:
-    """:return: an environment that draws itself, None if it can't"""
-    if is_level(level):
-        return GuideGridEnv(level, render_mode="rgb_array")
-    modes = gymnasium.make(level).metadata.get("render_modes") or ()
-    return gymnasium.make(level, render_mode="rgb_array") if "rgb_array" in modes else None
+    if "change" in found:
+        before, after = np.array(found["counts_before"]), np.array(found["counts"])
+        bounds = np.array(found["change_intervals"], dtype=np.float64)
+        save_figure(change_bars(messages, found["actions"], before, after, bounds), out / "change.png")

@@ -6,10 +6,11 @@ from typing import Any
 
 import torch as th
 from imitation.util.logger import HierarchicalLogger
-from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from stable_baselines3.common.utils import get_schedule_fn, set_random_seed, update_learning_rate
 from tqdm import tqdm
 
+from sb3_guide.callbacks import LanguagePictures
 from sb3_guide.callbacks.checkpoint import load_state, save_state
 from sb3_guide.cloning import Demonstrations, Validation, load_demonstrations, mission_seeds
 from sb3_guide.cloning.bc import EpisodeLoss, episode_bc
@@ -22,6 +23,7 @@ from sb3_guide.experiments.stages.runs import Run, digest, stage, use_threads, w
 from sb3_guide.files import parse_yaml
 from sb3_guide.policies import AgentPolicy, PretrainedGuide, save_agent
 from sb3_guide.policies.folder import NETWORK
+from sb3_guide.policies.networks import GuideNetwork
 from sb3_guide.policies.recurrent import RecurrentGuidedLearnerPolicy, RecurrentGuidePolicy, RecurrentLearnerPolicy
 from sb3_guide.policies.saving import start_from
 
@@ -50,6 +52,7 @@ def clone(
     init: Path | None = None,
     params: Sequence[str] = (),
     config_file: Path | None = None,
+    tensorboard: bool = False,
 ) -> None:
     """
     Clone an agent, validate it while it learns, and measure the finished one on fresh missions (evaluation.json).
@@ -68,6 +71,7 @@ def clone(
     :param init: folder of a Learner to start from, or of a Guide whose trunk to start from
     :param params: hyper-parameters to override, such as "n_epochs:5", as rl-zoo takes them
     :param config_file: YAML in rl-zoo's format; None takes zoo_configs/bc.yml
+    :param tensorboard: show each validation, and pictures of the language, in the folder "tensorboard" within the agent's
     :raises ValueError: if an argument is out of range, or the folder holds another run
     """
     names = split_levels(level)
@@ -96,7 +100,11 @@ def clone(
         train, validation = (demonstrations_of(names, demos, split) for split in ("train", "validation"))
         with in_use(config):
             policy = build(agent, names[0], config, policy_kwargs, init)
-        Cloning(policy, [part.first(config["train_episodes"]) for part in train], validation, out, seed, config, run).train()
+        train = [part.first(config["train_episodes"]) for part in train]
+        cloning = Cloning(policy, train, validation, out, seed, config, run)
+        if tensorboard:
+            cloning.show()
+        cloning.train()
         save_agent(policy, out, join_levels(names))
         evaluate(out, join_levels(names), config["analysis_episodes"], out / "evaluation.json", threads)
 
@@ -241,6 +249,7 @@ class Cloning:
         self.validation = Validation(policy, seeds, validation, on_row=self.complete)
         self.level = join_levels([part.level for part in validation])
         self.policy, self.out, self.run, self.n_epochs = policy, out, run, config["n_epochs"]
+        self.pictures: LanguagePictures | None = None
         self.updates = 0  # so far
         epochs = {*config["validate_at"], *range(0, self.n_epochs, config["validate_every"])[1:], self.n_epochs}
         self.validate_at = {round(epoch * len(self.loader)) for epoch in epochs}  # updates
@@ -253,6 +262,12 @@ class Cloning:
         loss = self.algorithm.loss_calculator
         assert isinstance(loss, EpisodeLoss)
         return loss.generator
+
+    def show(self) -> None:
+        """From now on, show each validation in TensorBoard, and pictures of an agent with a channel."""
+        self.validation.logger = Logger(None, [TensorBoardOutputFormat(str(self.out / "tensorboard"))])
+        if isinstance(self.policy.network, GuideNetwork):
+            self.pictures = LanguagePictures(self.policy, self.level.split("+")[0], self.validation.logger)
 
     def train(self) -> None:
         """Do the epochs that are left."""
@@ -284,6 +299,10 @@ class Cloning:
         if "cic" in row and row["cic"] == max(earlier["cic"] for earlier in self.validation.history):
             save_agent(self.policy, self.out / HIGHEST_CIC, self.level)
         write_table(self.out / "progress.csv", self.validation.history)
+        if self.validation.logger is not None:
+            self.validation.logger.dump(self.updates)
+        if self.pictures is not None:
+            self.pictures.show(self.updates)
         self.progress.set_postfix(success=f"{row['success_rate']:.3f}", loss=f"{row['loss']:.3f}")
 
     def after_epoch(self) -> None:

@@ -1,6 +1,5 @@
 """Hyper-parameters, which live in zoo_configs/ only."""
 
-import math
 import reprlib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,6 +9,7 @@ from typing import Any
 
 from stable_baselines3.common.type_aliases import Schedule
 
+from sb3_guide.callbacks.curriculum import falling
 from sb3_guide.envs import is_level, level_of
 from sb3_guide.envs.batch import MAX_WORLDS
 from sb3_guide.files import fits, read_yaml
@@ -53,13 +53,7 @@ def schedule(text: str) -> Schedule:
     :return: a schedule for SB3
     :raises ValueError: if it is of another kind
     """
-    kind, _, initial = text.partition("_")
-    try:
-        start = float(initial)
-    except ValueError:
-        start = math.nan
-    if kind != "lin" or not math.isfinite(start):
-        raise ValueError(f"schedule {text!r} is unknown: expected a number, or lin_ and a number")
+    start = falling(text)
     return lambda progress_remaining: progress_remaining * start
 
 

@@ -1,4 +1,4 @@
-"""Stage 1: an expert by stock SB3 PPO (paper section 3.3), or another algorithm of SB3's family."""
+"""Stage 1: an expert by an algorithm of SB3's family (paper section 3.3), as it is."""
 
 from inspect import signature
 from pathlib import Path
@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 from sb3_guide.callbacks import (
     CICCallback,
+    Curriculum,
     StopTrainingOnSuccessRate,
     SuccessRateCallback,
     TrainingCheckpoint,
@@ -33,7 +34,7 @@ from sb3_guide.policies.saving import load_weights, weights_of
 
 ALGORITHMS: dict[str, type[OnPolicyAlgorithm]] = {"ppo": PPO, "ppo_lstm": RecurrentPPO, "a2c": A2C}  # as rl-zoo names them
 CALLBACKS: dict[str, type[BaseCallback]] = {
-    f"sb3_guide.callbacks.{callback.__name__}": callback for callback in (StopTrainingOnSuccessRate, CICCallback)
+    f"sb3_guide.callbacks.{callback.__name__}": callback for callback in (StopTrainingOnSuccessRate, Curriculum, CICCallback)
 }
 
 
@@ -45,7 +46,7 @@ def train_expert(
     resume: bool,
     config_file: Path | None = None,
     init: Path | None = None,
-    algo: str = "ppo",
+    algo: str = "ppo_lstm",
     renew: bool = False,
 ) -> None:
     """
@@ -110,7 +111,8 @@ def build(algorithm: type[OnPolicyAlgorithm], level: str, seed: int, config: dic
     :return: a model in its worlds, not yet trained
     :raises ValueError: if a rollout would take too much memory
     """
-    n_envs, env_kwargs = config["n_envs"], config.get("env_kwargs", {})
+    without_window = {"history": 0} if algorithm is RecurrentPPO and is_level(level) else {}  # memory holds what it would
+    n_envs, env_kwargs = config["n_envs"], {**without_window, **config.get("env_kwargs", {})}
     venv: VecEnv = (
         VecMonitor(GuideGridVecEnv(level_of(level).env_id, n_envs, **env_kwargs))
         if is_level(level)
@@ -139,10 +141,10 @@ def build_callbacks(config: dict[str, Any]) -> list[BaseCallback]:
 
 class Progress(BaseCallback):
     """
-    A progress bar that tells the success rate; unlike SB3's it can be read in a log file too.
+    A progress bar that tells the success rate and the part of a curriculum; unlike SB3's it can be read in a log file too.
 
     :param level: name of the level
-    :param n_timesteps: that the whole training takes, earlier parts included
+    :param n_timesteps: that the whole training takes at most, earlier runs of it included
     """
 
     def __init__(self, level: str, n_timesteps: int) -> None:
@@ -156,8 +158,9 @@ class Progress(BaseCallback):
         return True
 
     def _on_rollout_end(self) -> None:
-        if "rollout/success_rate" in self.logger.name_to_value:
-            self.bar.set_postfix(success=f"{self.logger.name_to_value['rollout/success_rate']:.3f}", refresh=False)
+        logged = self.logger.name_to_value
+        told = {name.split("/")[1]: logged[name] for name in ("curriculum/part", "rollout/success_rate") if name in logged}
+        self.bar.set_postfix(told, refresh=False)
 
     def _on_training_end(self) -> None:
         self.bar.update(self.num_timesteps - self.bar.n)

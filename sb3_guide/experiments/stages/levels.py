@@ -2,8 +2,10 @@
 
 from collections.abc import Sequence
 from importlib import import_module
+from pathlib import Path
 
 from sb3_guide.envs import name_of
+from sb3_guide.policies.folder import read_agent
 
 
 def environment(text: str) -> str:
@@ -36,3 +38,22 @@ def join_levels(levels: Sequence[str]) -> str:
     :return: the same as one text
     """
     return "+".join(levels)
+
+
+def level_of_agent(agent: Path, level: str | None) -> str:
+    """
+    :param agent: folder of an agent
+    :param level: where it is to be read or spoken to, see :func:`environment`; None takes where it was trained
+    :return: name of the level, or id of another environment
+    :raises ValueError: if the agent was not trained on it, or on several and it is not said which
+    """
+    trained = (read_agent(agent)[0].level or "").split("+")
+    if level is None and len(trained) == 1 and trained[0]:
+        return name_of(trained[0])
+    expected = " or ".join(f"--level {name}" for name in trained if name)
+    if level is None:
+        raise ValueError(f"which level shall the agent in {agent} play? expected {expected or '--level NAME'}")
+    name = environment(level)
+    if expected and name not in trained:
+        raise ValueError(f"the agent in {agent} was not trained on {name}: expected {expected}")
+    return name

@@ -8,15 +8,14 @@ from typing import Any
 import numpy as np
 
 from sb3_guide.cloning import mission_seeds
-from sb3_guide.envs import ACTIONS, GuideGridEnv, is_level, name_of
-from sb3_guide.experiments.stages.levels import environment
+from sb3_guide.envs import ACTIONS, GuideGridEnv, is_level
+from sb3_guide.experiments.stages.levels import level_of_agent
 from sb3_guide.experiments.stages.runs import record, use_threads
 from sb3_guide.files import write_json
 from sb3_guide.language import CHOREOGRAPHIES, Dictionary, danced, learn, obey, perform, read, steps_of
 from sb3_guide.language.pictures import save_figure, walk_figure
 from sb3_guide.metrics import obedience
 from sb3_guide.policies import AgentPolicy, load_agent
-from sb3_guide.policies.folder import read_agent
 
 LEARNED_ON = 500  # missions of the validation split
 WORLDS = 50  # missions on which ten messages each are told
@@ -45,20 +44,20 @@ def speak_to(
     :param seed: of the mission and of the random messages
     :param threads: of torch
     :raises FileNotFoundError: if there is no such choreography
-    :raises ValueError: if the agent has no channel or no word for something, or a step is unknown
+    :raises ValueError: if the agent has no channel, is of another level or has no word for something, or a step is unknown
     """
     use_threads(threads)
     started = time.monotonic()
-    policy = load_agent(agent)
-    level = name_of(str(read_agent(agent)[0].level)) if level is None else environment(level)
+    level, policy = level_of_agent(agent, level), load_agent(agent)
     dictionary = learn(read(policy, level, mission_seeds("validation", LEARNED_ON)))
     print(in_words(dictionary))
     found: dict[str, Any] = {"dictionary": entries(dictionary)}
     script = ", ".join(say) if say else None if choreography is None else text_of(choreography, dictionary)
+    told = [] if script is None else steps_of(script, dictionary)
     out.mkdir(parents=True, exist_ok=True)
-    if script is not None:
+    if told:
         walk = walk_in_level if is_level(level) else walk_elsewhere
-        found["walk"] = walk(policy, level, steps_of(script, dictionary), dictionary, seed, out)
+        found["walk"] = walk(policy, level, told, dictionary, seed, out)
     if measure:
         found["obedience"] = measured(policy, level, dictionary, seed)
     settings = {"level": level, "folder": str(agent), "seed": seed, "threads": threads}
@@ -194,6 +193,14 @@ def measured(policy: AgentPolicy, level: str, dictionary: Dictionary, seed: int)
     raw, corrected = obedience(meant, taken)
     names = dictionary.actions
     by_action = {names[action]: float((taken[meant == action] == action).mean()) for action in np.unique(meant)}
-    print(f"obeyed {raw:.1%} of {len(meant)} messages, {corrected:.1%} beyond chance")
+    beyond = (
+        "as it only ever took one action, chance would do as well" if np.isnan(corrected) else f"{corrected:.1%} beyond chance"
+    )
+    print(f"obeyed {raw:.1%} of {len(meant)} messages; {beyond}")
     print("\n".join(f"  {action:8} {rate:.1%}" for action, rate in by_action.items()))
-    return {"messages": len(meant), "raw": raw, "corrected": corrected, "by_action": by_action}
+    return {
+        "messages": len(meant),
+        "raw": raw,
+        "corrected": None if np.isnan(corrected) else corrected,
+        "by_action": by_action,
+    }

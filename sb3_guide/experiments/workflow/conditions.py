@@ -176,7 +176,7 @@ class Catalogue(NamedTuple):
             if expert == "pretrained":
                 expert_folder(level)
             else:
-                load_config("ppo", level)
+                load_config("ppo_lstm", level)
 
     def params(self, run: Run) -> list[str]:
         """:return: hyper-parameters to override, as the command line takes them"""

@@ -1,16 +1,26 @@
 """Speaking to agents and taking their words away, as commands on the shipped agents."""
 
 import json
+import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from safetensors.numpy import save_file
 
+from sb3_guide.cloning import Demonstrations, mission_seeds, play, save_demonstrations
+from sb3_guide.cloning.demonstrations import FORMAT
 from sb3_guide.envs import ACTIONS
+from sb3_guide.experiments import cli
+from sb3_guide.experiments.stages import speak
 from sb3_guide.experiments.stages.ablate import ablate_agent
+from sb3_guide.experiments.stages.levels import level_of_agent
 from sb3_guide.experiments.stages.speak import speak_to, text_of
 from sb3_guide.experiments.stages.statistics import paired_successes
+from sb3_guide.experts import expert_folder, load_expert
 from sb3_guide.language import Dictionary
 from sb3_guide.policies.channel import MessageShape
+from sb3_guide.policies.folder import read_agent, write_agent
 from sb3_guide.speakers import speaker_folder
 
 GUIDED = {"agent": speaker_folder("GoToLocal", "guided"), "level": None, "seed": 0, "threads": 1}
@@ -50,6 +60,14 @@ def test_obedience_is_the_same_each_time(tmp_path):
     assert found[0]["raw"] > 0.9
 
 
+def test_an_agent_that_takes_one_action_only_is_not_corrected_for_chance(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(speak, "obey", lambda *_: (np.array([2, 2, 2]), np.array([2, 2, 2])))
+    speak_to(say=[], choreography=None, measure=True, out=tmp_path, **GUIDED)
+    found = json.loads((tmp_path / "speech.json").read_text())["obedience"]
+    assert (found["raw"], found["corrected"]) == (1, None)
+    assert "obeyed 100.0% of 3 messages; as it only ever took one action" in capsys.readouterr().out
+
+
 def test_unknown_choreographies_and_words(tmp_path):
     arguments = {"measure": False, "out": tmp_path / "out", **GUIDED}
     with pytest.raises(FileNotFoundError, match="there is no choreography 'polka': expected pirouette, waltz"):
@@ -74,3 +92,64 @@ def test_paired_successes_by_hand():
     assert paired_successes(a, a)["p_value"] == 1
     with pytest.raises(ValueError, match="expected the same missions, at least 2"):
         paired_successes(a, b[:5])
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Folder with demonstrations of GoToObj, with ones of nothing, and with a choreography that has a typo."""
+    folder = tmp_path_factory.mktemp("files")
+    episodes = play(load_expert("GoToObj").policy, "GoToObj", mission_seeds("analysis", 4))
+    save_demonstrations(Demonstrations(episodes, "GoToObj", {}), folder / "other.safetensors")
+    nothing = {name: array[:0] for name, array in episodes.arrays().items()} | {"offsets": episodes.offsets[:1]}
+    save_file(
+        nothing, folder / "empty.safetensors", {"format": FORMAT, "level": "GoToLocal", "provenance": "{}", "sha256": ""}
+    )
+    (folder / "dance.txt").write_text("forward\nrigth")
+    return folder
+
+
+LOCAL = str(speaker_folder("GoToLocal", "guided"))
+MUTE = str(expert_folder("GoToLocal"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["speak", LOCAL, "--say", "w0"], "step 'w0' is unknown: expected one of left"),
+        (["speak", LOCAL, "--say", "w0 w3"], "or a message of 2 words from w0 to w2, such as 'w0 w1'"),
+        (["speak", LOCAL, "--choreography", "dance.txt"], "step 'rigth' is unknown"),
+        (["speak", LOCAL, "--level", "PickupLoc"], "was not trained on PickupLoc: expected --level GoToLocal"),
+        (["analyze", LOCAL, "--level", "PickupLoc"], "was not trained on PickupLoc: expected --level GoToLocal"),
+        (["ablate", LOCAL, "--level", "PickupLoc"], "was not trained on PickupLoc: expected --level GoToLocal"),
+        (["speak", MUTE], "sends no messages: expected a GuidePolicy or a GuidedLearnerPolicy"),
+        (["analyze", MUTE], "sends no messages: expected a GuidePolicy or a GuidedLearnerPolicy"),
+        (["ablate", MUTE], "sends no messages: expected a GuidePolicy or a GuidedLearnerPolicy"),
+        (["analyze", LOCAL, "--guide", MUTE], "sends no messages: expected a GuidePolicy or a GuidedLearnerPolicy"),
+        (["analyze", LOCAL, "--demos", "none"], "none does not exist: expected demonstrations"),
+        (["analyze", LOCAL, "--demos", "other.safetensors"], "holds demonstrations of GoToObj: expected GoToLocal"),
+        (["analyze", LOCAL, "--demos", "empty.safetensors"], "0 episodes, 0 of them failed: expected at least one"),
+    ],
+)
+def test_bad_input_ends_with_one_line(arguments, message, files, tmp_path, monkeypatch):
+    monkeypatch.chdir(files)
+    monkeypatch.setattr(sys, "argv", ["sb3-guide", *arguments, "--out", str(tmp_path / "out")])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert message in str(ended.value)
+    assert "\n" not in str(ended.value)
+
+
+def test_an_agent_plays_a_level_that_it_was_trained_on(tmp_path):
+    description, weights = read_agent(speaker_folder("GoToObj", "guide"))
+    trained = {"one": "GoToObj", "several": "GoToLocal+PickupLoc", "unknown": None}
+    for name, level in trained.items():
+        write_agent(tmp_path / name, replace(description, level=level), weights)
+    assert level_of_agent(tmp_path / "one", None) == "GoToObj"
+    assert level_of_agent(tmp_path / "several", "GuideGrid-PickupLoc-v0") == "PickupLoc"
+    assert level_of_agent(tmp_path / "unknown", "GoTo") == "GoTo"
+    with pytest.raises(ValueError, match="expected --level GoToLocal or --level PickupLoc"):
+        level_of_agent(tmp_path / "several", None)
+    with pytest.raises(ValueError, match="not trained on GoToObj: expected --level GoToLocal or --level PickupLoc"):
+        level_of_agent(tmp_path / "several", "GoToObj")
+    with pytest.raises(ValueError, match="expected --level NAME"):
+        level_of_agent(tmp_path / "unknown", None)

@@ -14,6 +14,7 @@ import pytest
 import torch as th
 import yaml
 from filelock import FileLock
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from sb3_guide.cloning import load_demonstrations, save_demonstrations
 from sb3_guide.experiments.stages import record, runs
@@ -38,6 +39,19 @@ from tests.policies.helpers import make_policy
 
 KEY = "GuideGrid-GoToObj-v0"
 PPO = {"policy": "LearnerPolicy", "n_envs": 4, "n_timesteps": 64 * 25, "n_steps": 16, "batch_size": 32, "n_epochs": 1}
+CURRICULUM = PPO | {
+    "callback": [
+        {
+            "sb3_guide.callbacks.Curriculum": {
+                "parts": [
+                    {"level": "GoToObjMazeS4", "n_timesteps": 64 * 3},  # over before the first checkpoint
+                    {"level": "GoToLocal", "n_timesteps": 64 * 4, "learning_rate": "lin_0.001"},
+                    {"level": "GoToObj", "n_timesteps": 64 * 12, "ent_coef": 0.01},
+                ]
+            }
+        }
+    ]
+}
 BC = {
     "train_episodes": 10,
     "validation_episodes": 4,
@@ -85,7 +99,7 @@ def demos(tmp_path_factory) -> Path:
 def test_an_expert_is_written_with_all_that_it_depends_on(tmp_path):
     config = write_config(tmp_path / "ppo.yml", PPO)
     train_expert(KEY, tmp_path / "expert", seed=1, threads=1, resume=False, config_file=config)
-    assert isinstance(load_agent(tmp_path / "expert"), LearnerPolicy)
+    assert isinstance(load_agent(tmp_path / "expert"), RecurrentLearnerPolicy)
     run = json.loads((tmp_path / "expert" / "run.json").read_text())
     assert (run["stage"], run["level"], run["seed"], run["threads"], run["config"]) == ("expert", "GoToObj", 1, 1, PPO)
     assert run["versions"]["torch"] == th.__version__
@@ -120,11 +134,15 @@ def test_the_same_seed_gives_the_same_expert_on_two_threads(tmp_path):
     assert equal(tmp_path / "one", tmp_path / "same")
 
 
-@pytest.mark.parametrize("stage", ["expert", "clone"])
-def test_a_killed_stage_goes_on_as_if_nothing_had_happened(stage, demos, tmp_path):
+@pytest.mark.parametrize(
+    ("stage", "config"),
+    [(["expert"], PPO), (["expert"], CURRICULUM), (["clone", "--agent", "guide"], BC | {"n_epochs": 8})],
+    ids=["expert", "curriculum", "clone"],
+)
+def test_a_killed_stage_goes_on_as_if_nothing_had_happened(stage, config, demos, tmp_path):
     """Kill the real command once its first checkpoint is there, continue it, and compare with an undisturbed run."""
-    config = write_config(tmp_path / "config.yml", PPO if stage == "expert" else BC | {"n_epochs": 8})
-    of_stage = ["expert"] if stage == "expert" else ["clone", "--agent", "guide", "--demos", str(demos)]
+    config = write_config(tmp_path / "config.yml", config)
+    of_stage = [*stage, "--demos", str(demos)] if "clone" in stage else stage
     program = [sys.executable, "-m", "sb3_guide.experiments.cli", *of_stage, "--level", "GoToObj", "--config", str(config)]
     program += ["--threads", "1", "--seed", "5"]
     subprocess.run([*program, "--out", tmp_path / "whole"], check=True, capture_output=True)
@@ -173,7 +191,7 @@ def test_stage_two_and_three(demos, tmp_path):
     shared = {"level": "GoToObj", "demos": [demos], "seed": 0, "threads": 1, "resume": False, "config_file": config}
     guide = str(tmp_path / "guide")
     clone("learner", out=tmp_path / "learner", **shared)
-    clone("guide", out=tmp_path / "guide", **shared)
+    clone("guide", out=tmp_path / "guide", tensorboard=True, **shared)
     clone("guided", out=tmp_path / "guided", guide=guide, **shared)
     clone("guided", out=tmp_path / "frozen", guide=guide, freeze_guide=True, **shared)
     guide = load_agent(tmp_path / "guide").channel.speaker.state_dict()
@@ -182,12 +200,16 @@ def test_stage_two_and_three(demos, tmp_path):
     assert all(th.equal(guide[name], frozen[name]) for name in guide)
     assert not all(th.equal(guide[name], tuned[name]) for name in guide)
     columns = {"epoch", "episodes", "loss", "success_rate", "mean_length", "seconds"}
-    communication = {"cic", "uniform_cic", "message_entropy"}
+    communication = {"cic", "uniform_cic", "message_entropy", "tempered_cic"}
     for agent in ("learner", "guide", "guided"):
         rows = read_table(tmp_path / agent / "progress.csv")
         assert [float(row["epoch"]) for row in rows] == [0, 0.5, 1, 2, 3]
         assert [int(row["episodes"]) for row in rows] == [0, 4, 8, 16, 24]
         assert rows[0].keys() == columns | (communication if agent != "learner" else set())
+    events = EventAccumulator(str(tmp_path / "guide" / "tensorboard"), size_guidance={"images": 0})
+    events.Reload()
+    for shown in (events.Scalars("rollout/success_rate"), events.Images("guide/actions"), events.Images("guide/episode")):
+        assert [part.step for part in shown] == [0, 1, 2, 4, 6]  # updates
 
     evaluate(tmp_path / "guided", "GoToObj", 6, tmp_path / "evaluation.json", threads=1)
     found = json.loads((tmp_path / "evaluation.json").read_text())
@@ -196,14 +218,18 @@ def test_stage_two_and_three(demos, tmp_path):
     assert found["episodes"] == 6
     assert found["low"] <= found["success_rate"] == found["successes"] / 6 <= found["high"]
 
-    analyze(tmp_path / "guided", "GoToObj", demos / "analysis.safetensors", tmp_path / "analysis", threads=1)
+    of_analysis = demos / "analysis.safetensors"
+    analyze(tmp_path / "guided", None, of_analysis, tmp_path / "guide", tmp_path / "analysis", threads=1)
     found = json.loads((tmp_path / "analysis" / "analysis.json").read_text())
     assert len(found["messages"]) == len(found["counts"]) == 9
     assert sum(map(sum, found["counts"])) == found["frames"]
-    assert 0 <= found["cic"] <= found["message_entropy"]
-    assert found["in_play"]["cic"]["low"] <= found["in_play"]["cic"]["mean"] <= found["in_play"]["cic"]["high"]
+    for measures in (found["in_play"], found["along_demonstrations"]):
+        assert 0 <= measures["cic"]["mean"] <= measures["message_entropy"]["mean"]
+        assert all(measure["low"] - 1e-6 <= measure["mean"] <= measure["high"] + 1e-6 for measure in measures.values())
+    assert found["topographic_similarity"].keys() == {"value", "low", "high", "by_chance", "p_value"}
+    assert len(found["episode"]["influence"]) == len(found["episode"]["messages"])
     assert (tmp_path / "analysis" / "episode.gif").read_bytes().startswith(b"GIF89a")
-    for name in ("actions.png", "situations.png", "cells.png"):
+    for name in ("actions.png", "situations.png", "cells.png", "change.png"):
         assert (tmp_path / "analysis" / name).read_bytes().startswith(b"\x89PNG")
     kept, last = (read_agent(tmp_path / "guided" / folder)[0] for folder in ("highest_cic", ""))
     assert kept == last
@@ -310,9 +336,9 @@ def test_a_run_knows_when_its_guide_has_changed(demos, tmp_path, capsys):
 def test_a_guide_by_reinforcement_learning_is_analysed(demos, tmp_path):
     callbacks = ["sb3_guide.callbacks.CICCallback"]
     config = write_config(tmp_path / "ppo.yml", PPO | {"policy": "GuidePolicy", "n_timesteps": 128, "callback": callbacks})
-    train_expert("GoToObj", tmp_path / "guide", seed=0, threads=1, resume=False, config_file=config)
+    train_expert("GoToObj", tmp_path / "guide", seed=0, threads=1, resume=False, config_file=config, algo="ppo")
     assert "guide/uniform_cic" in read_table(tmp_path / "guide" / "progress.csv")[-1]
-    analyze(tmp_path / "guide", "GoToObj", demos / "analysis.safetensors", tmp_path / "analysis", threads=1)
+    analyze(tmp_path / "guide", None, demos / "analysis.safetensors", None, tmp_path / "analysis", threads=1)
     found = json.loads((tmp_path / "analysis" / "analysis.json").read_text())
     assert sum(map(sum, found["counts"])) == found["frames"]
 
@@ -332,7 +358,7 @@ def test_an_expert_starts_from_another_and_stops_early(tmp_path):
 def test_an_expert_that_carries_its_memory_starts_from_one_with_a_window(tmp_path):
     config = write_config(tmp_path / "ppo_lstm.yml", PPO | {"learning_rate": 0.0, "n_timesteps": 64})
     save_agent(make_policy(LearnerPolicy), tmp_path / "start", "GoToObj")
-    arguments = {"threads": 1, "resume": False, "config_file": config, "init": tmp_path / "start", "algo": "ppo_lstm"}
+    arguments = {"threads": 1, "resume": False, "config_file": config, "init": tmp_path / "start"}
     train_expert("GoToObj", tmp_path / "out", 1, **arguments)
     assert isinstance(load_agent(tmp_path / "out"), RecurrentLearnerPolicy)
     assert equal(tmp_path / "start", tmp_path / "out")

@@ -23,14 +23,19 @@ TINY = {
     "batch_size": 32,
     "n_epochs": 2,
     "learning_rate": "lin_0.001",
-    "callback": [{"sb3_guide.callbacks.StopTrainingOnSuccessRate": {"success_rate": 1.0, "n_episodes": 1000}}],
+    "callback": [
+        {"sb3_guide.callbacks.StopTrainingOnSuccessRate": {"success_rate": 1.0, "n_episodes": 1000}},
+        {
+            "sb3_guide.callbacks.Curriculum": {
+                "parts": [{"level": "GoToObjMazeS4", "n_timesteps": 128}, {"level": "GoToObj", "n_timesteps": 256}]
+            }
+        },
+    ],
 }
 ALGORITHMS = {
     "ppo": PPO,
     "ppo_lstm": RecurrentPPO,
     "a2c": A2C,
-    "ppo_finish": PPO,
-    "ppo_lstm_finish": RecurrentPPO,
     "ppo_guide": PPO,
 }
 PAPER = ("GoToObj", "GoToLocal", "GoToObjMaze", "PickupLoc", "PutNextLocal", "GoTo")
@@ -52,7 +57,7 @@ def config(tmp_path_factory) -> Path:
 
 def test_the_zoo_trains_the_same_expert_and_plays_it(config, tmp_path):
     zoo("train", tmp_path, "--conf-file", str(config), "--seed", "5", "--eval-freq", "-1")
-    train_expert("GoToObj", tmp_path / "ours", seed=5, threads=1, resume=False, config_file=config)
+    train_expert("GoToObj", tmp_path / "ours", seed=5, threads=1, resume=False, config_file=config, algo="ppo")
     theirs = PPO.load(tmp_path / "ppo" / f"{KEY}_1" / f"{KEY}.zip").policy.state_dict()
     for name, weight in load_agent(tmp_path / "ours").state_dict().items():
         assert th.equal(weight, theirs[name]), name

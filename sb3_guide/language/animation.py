@@ -1,16 +1,21 @@
 """An episode as a GIF: the grid, and beneath it the mission, the message that was heard and the action that was taken."""
 
+import io
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import gymnasium
 import numpy as np
 from matplotlib import font_manager
 from PIL import Image, ImageDraw, ImageFont, ImageOps
 
+from sb3_guide.envs import GuideGridEnv, is_level
 from sb3_guide.files import atomically
+from sb3_guide.language.reading import Reading
 
+SHOWN_LENGTH = 8  # frames that an episode needs to be worth watching
 WIDTH = 320  # pixels; the grid is scaled to a square of this side
 PANEL = 132  # pixels of text beneath the grid
 MAX_FRAMES = 100  # keeps a maze of 22 x 22 cells under 1 MB
@@ -33,14 +38,69 @@ class Caption(NamedTuple):
     action: str
 
 
+def worth_watching(reading: Reading) -> int:
+    """:return: index of the first successful episode that is long enough to be worth watching, or of the longest one"""
+    lengths = np.where(reading.episodes.successes, reading.episodes.lengths, 0)
+    return int(np.argmax(lengths.clip(max=SHOWN_LENGTH)))
+
+
+def replay(reading: Reading, level: str, episode: int) -> tuple[list[Any], list[Caption]] | None:
+    """
+    :param reading: of episodes that were played there
+    :param level: name or id of the level, or id of another environment
+    :param episode: index of the one to show
+    :return: pictures before each action and after the last one, and what to write beneath them; None if the environment does
+        not draw itself
+    """
+    episodes, names, env = reading.episodes, reading.shape.names(), drawn(level)
+    if env is None:
+        return None
+    first, last = episodes.offsets[episode : episode + 2]
+    env.reset(seed=int(episodes.seeds[episode]))
+    mission = getattr(env.unwrapped, "mission", "")
+    frames: list[Any] = []
+    captions = []
+    for message, action in zip(reading.messages[first:last], episodes.actions[first:last], strict=True):
+        frames.append(env.render())
+        captions.append(Caption(mission, names[message], reading.actions[action]))
+        env.step(action)
+    frames.append(env.render())
+    captions.append(Caption(mission, "", ""))
+    env.close()
+    return frames, captions
+
+
+def drawn(level: str) -> gymnasium.Env | None:
+    """:return: an environment that draws itself, None if it can't"""
+    if is_level(level):
+        return GuideGridEnv(level, render_mode="rgb_array")
+    if "rgb_array" not in (gymnasium.make(level).metadata.get("render_modes") or ()):
+        return None
+    try:
+        return gymnasium.make(level, render_mode="rgb_array")
+    except TypeError:  # what makes it takes no render mode
+        return None
+
+
 def write_animation(path: Path, frames: Sequence[np.ndarray], captions: Sequence[Caption], milliseconds: int = 500) -> None:
     """
-    Write a GIF of at most 1 MB atomically. Of an episode longer than MAX_FRAMES, evenly spaced frames are shown.
+    Write :func:`animation` to a file atomically.
 
     :param path: of the GIF; its folder must exist
+    """
+    content = animation(frames, captions, milliseconds)
+    with atomically(path) as partial:
+        partial.write_bytes(content)
+
+
+def animation(frames: Sequence[np.ndarray], captions: Sequence[Caption], milliseconds: int = 500) -> bytes:
+    """
+    A GIF of at most 1 MB. Of an episode longer than MAX_FRAMES, evenly spaced frames are shown.
+
     :param frames: of one episode, each (height, width, 3) uint8, square cells
     :param captions: one a frame
     :param milliseconds: that a frame stays; the last one stays four times as long
+    :return: content of the file
     :raises ValueError: if there is no frame, captions and frames differ in number, or a frame is no RGB picture
     """
     if not frames or len(frames) != len(captions):
@@ -48,8 +108,9 @@ def write_animation(path: Path, frames: Sequence[np.ndarray], captions: Sequence
     chosen = np.linspace(0, len(frames) - 1, min(len(frames), MAX_FRAMES)).round().astype(int)
     pictures = share_palette([draw_frame(frames[index], captions[index]) for index in chosen])
     durations = [milliseconds] * (len(pictures) - 1) + [4 * milliseconds]
-    with atomically(path) as partial:
-        pictures[0].save(partial, "GIF", save_all=True, append_images=pictures[1:], duration=durations, loop=0)
+    file = io.BytesIO()
+    pictures[0].save(file, "GIF", save_all=True, append_images=pictures[1:], duration=durations, loop=0)
+    return file.getvalue()
 
 
 def draw_frame(frame: np.ndarray, caption: Caption) -> Image.Image:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sb3_guide.experiments.stages.animation import MAX_FRAMES, WIDTH, Caption, draw_frame, write_animation
+from sb3_guide.language.animation import MAX_FRAMES, WIDTH, Caption, draw_frame, write_animation
 
 CAPTION = Caption("go to the red ball", "w0 w2", "forward")
 

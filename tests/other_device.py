@@ -1,0 +1,99 @@
+"""
+A second device where there is no accelerator: its tensors hold values, live apart from those of the CPU, and say that they are
+on "meta", the only device of torch's that any machine has besides.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import torch as th
+from torch.overrides import TorchFunctionMode
+from torch.utils._mode_utils import no_dispatch
+from torch.utils._python_dispatch import TorchDispatchMode
+from torch.utils._pytree import tree_flatten, tree_map_only
+
+OTHER = th.device("meta")
+MOVES = (th.ops.aten._to_copy.default, th.ops.aten.copy_.default)
+FROM_PYTHON = (th.tensor, th.as_tensor)
+
+
+class Elsewhere(th.Tensor):
+    """
+    A tensor on the other device.
+
+    :param held: its values
+    """
+
+    held: th.Tensor
+
+    @staticmethod
+    def __new__(cls, held: th.Tensor) -> "Elsewhere":
+        layout = {"strides": held.stride(), "storage_offset": held.storage_offset()}
+        tensor = th.Tensor._make_wrapper_subclass(cls, held.shape, **layout, dtype=held.dtype, device=OTHER)
+        tensor.held = held
+        return tensor
+
+    def __tensor_flatten__(self) -> tuple[list[str], None]:
+        return ["held"], None  # by which torch knows how to move a module's weights
+
+    @staticmethod
+    def __tensor_unflatten__(inner: dict[str, th.Tensor], *_: Any) -> "Elsewhere":
+        return Elsewhere(inner["held"])
+
+    def __repr__(self) -> str:  # type: ignore[override]
+        return f"Elsewhere({self.held!r})"
+
+    @classmethod
+    def __torch_dispatch__(cls, function: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        return compute(function, args, kwargs or {})
+
+
+def compute(function: Any, args: Any, kwargs: dict[str, Any]) -> Any:
+    """
+    :return: what an operation gives, computed on the CPU, on the device where it belongs
+    :raises RuntimeError: if it gets tensors, or a generator, of another device than its own, as accelerators do
+    """
+    tensors = [each for each in tree_flatten((args, kwargs))[0] if isinstance(each, th.Tensor)]
+    there = [each for each in tensors if isinstance(each, Elsewhere)]
+    device = kwargs.get("device")
+    goes = bool(there) if device is None else device == OTHER
+    if function not in MOVES and there and any(each.dim() for each in tensors if not isinstance(each, Elsewhere)):
+        raise RuntimeError(f"{function}: expected all tensors to be on the same device")
+    if goes and kwargs.get("generator") is not None:
+        raise RuntimeError(f"{function}: expected a generator of the same device")
+    held_args, held_kwargs = tree_map_only(Elsewhere, lambda each: each.held, (args, kwargs))
+    result = function(*held_args, **{**held_kwargs, **({} if device is None else {"device": "cpu"})})
+    if function is th.ops.aten.copy_.default:
+        return args[0]
+    if th.Tag.inplace_view in function.tags and goes:
+        with no_dispatch():
+            function(*args, **kwargs)  # the tensor that holds the values gets their new shape, too
+    if not goes:
+        return result
+    same = {id(each.held): each for each in there}  # what was changed in place
+    return tree_map_only(th.Tensor, lambda each: same[id(each)] if id(each) in same else Elsewhere(each), result)
+
+
+class Computing(TorchDispatchMode):
+    """Operations that make tensors of nothing come by here, too."""
+
+    def __torch_dispatch__(self, function: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        return compute(function, args, kwargs or {})
+
+
+class Making(TorchFunctionMode):
+    """Tensors of Python's and numpy's values are made on the CPU and moved."""
+
+    def __torch_function__(self, function: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        kwargs = kwargs or {}
+        if function in FROM_PYTHON and kwargs.get("device") is not None:
+            return function(*args, **{**kwargs, "device": "cpu"}).to(kwargs["device"])
+        return function(*args, **kwargs)
+
+
+@contextmanager
+def other_device() -> Iterator[th.device]:
+    """:return: the other device, while it is there"""
+    with Making(), Computing():
+        yield OTHER
