@@ -67,7 +67,7 @@ def stages(inputs: Path) -> dict[str, Callable[[Path], None]]:
         "record": lambda out: record_demonstrations("GoToObj", expert_folder("GoToObj"), "train", 400, out / "train", 1),
         "clone": lambda out: clone("guide", "GoToObj", [inputs], out, 0, 1, resume=True, config_file=inputs / "bc.yml"),
         "evaluate": lambda out: evaluate(speaker, "GoToObj", 300, out / "evaluation.json", 1),
-        "analyze": lambda out: analyze(speaker, "GoToObj", None, out, 1, n_episodes=40),
+        "analyze": lambda out: analyze(speaker, "GoToObj", None, None, out, 1, n_episodes=40),
         "speak": lambda out: speak_to(speaker, "GoToObj", ["left", "forward"], None, False, out, 0, 1),
     }
 

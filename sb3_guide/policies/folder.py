@@ -14,13 +14,13 @@ import torch as th
 from gymnasium import spaces
 
 from sb3_guide.files import check_types, checksum, fits, read_arrays, read_json, write_arrays, write_json
+from sb3_guide.policies.picture import ACTIONS
 
 FORMAT = 2
 WITHOUT_CHECKSUM = 1  # the format before
 NETWORK, AGENT = "network.safetensors", "agent.json"
 MOST_BYTES = 2**30  # of weights
 LARGEST = 2**23  # values in an observation
-ACTIONS = 2**16  # at most
 
 
 @dataclass(frozen=True)

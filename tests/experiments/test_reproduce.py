@@ -118,10 +118,10 @@ def test_a_run_that_is_killed_again_and_again_ends_with_the_same_summary(
     snakemake.kill()  # its caller then ends by itself, and what it called
     assert process.wait() == 1
     assert processes_of(tmp_path) == []
-    process = until("seed0/guided")
+    process = until("seed0/guided", seconds=3)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
-    process = until("seed0/analysis/guide")
+    process = until("seed0/analysis/guided")  # which no earlier call can have begun
     (caller,) = psutil.Process(process.pid).children()
     os.killpg(process.pid, signal.SIGINT)
     process.wait()

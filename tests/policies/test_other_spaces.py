@@ -24,7 +24,6 @@ from sb3_guide.policies import (
     save_agent,
 )
 from sb3_guide.policies.film import CompactVision, PixelVision
-from sb3_guide.policies.folder import WITHOUT_CHECKSUM
 from sb3_guide.policies.picture import picture_of
 from sb3_guide.policies.sequences import unpadded, windows
 from tests.toys import Signal
@@ -181,13 +180,14 @@ def test_bounds_that_differ_come_back_from_an_agents_folder(tmp_path):
     assert load_agent(tmp_path).observation_space == space
 
 
+@pytest.mark.filterwarnings("ignore:.*has no checksum")
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("actions", 10**9, "tells of 1000000000 actions: expected 1 to 65536"),
+        ("actions", 10**9, "tells of 1000000000 actions: expected 1 to 16384"),
         ("actions", "two", "actions is 'two': expected int"),
         ("observation_space", {"image": {}}, "describes no observation space"),
-        ("observation_space", [1], "observation_space is .1.: expected dict"),
+        ("observation_space", [1], r"observation_space is \[1\]: expected dict"),
         (
             "observation_space",
             {"image": {"shape": [10**9] * 3, "dtype": "uint8", "low": 0, "high": 1}},
@@ -202,13 +202,12 @@ def test_bounds_that_differ_come_back_from_an_agents_folder(tmp_path):
         ("observation_space", {}, "the observation space has no image"),
     ],
 )
-@pytest.mark.filterwarnings("ignore:.*has no checksum")
 def test_an_agents_folder_that_describes_impossible_spaces(name, value, message, tmp_path):
     save_agent(make(LearnerPolicy, "cells"), tmp_path)
     path = tmp_path / "agent.json"
-    content = {**json.loads(path.read_text()), name: value, "format": WITHOUT_CHECKSUM}
-    del content["sha256"]  # which would tell of the change before
-    path.write_text(json.dumps(content))
+    content = json.loads(path.read_text())
+    del content["sha256"]
+    path.write_text(json.dumps({**content, "format": 1, name: value}))  # of a version that had no checksum
     with pytest.raises(ValueError, match=message):
         load_agent(tmp_path)
 
