@@ -1,6 +1,7 @@
 """An agent on disk: a folder with network.safetensors and agent.json, which holds a checksum over both."""
 
 import math
+import reprlib
 import warnings
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -12,13 +13,13 @@ import numpy as np
 import torch as th
 from gymnasium import spaces
 
-from sb3_guide.files import check_types, checksum, read_arrays, read_json, write_arrays, write_json
+from sb3_guide.files import check_types, checksum, fits, read_arrays, read_json, write_arrays, write_json
 
 FORMAT = 2
 WITHOUT_CHECKSUM = 1  # the format before
 NETWORK, AGENT = "network.safetensors", "agent.json"
 MOST_BYTES = 2**30  # of weights
-LARGEST = 2**24  # values in an observation
+LARGEST = 2**23  # values in an observation
 ACTIONS = 2**16  # at most
 
 
@@ -158,8 +159,8 @@ def box_of(shape: list[int], dtype: str, low: Any, high: Any) -> spaces.Box:
     :param high: see :func:`bounds`
     :raises ValueError: if there is no such Box, or it is larger than anything that agents see
     """
-    if not 0 < math.prod(shape) <= LARGEST or np.dtype(dtype).kind not in "buif":
-        raise ValueError(f"shape {shape} of {dtype}: expected 1 to {LARGEST} numbers")
+    if not fits(shape, list[int]) or not 0 < math.prod(shape) <= LARGEST or np.dtype(dtype).kind not in "buif":
+        raise ValueError(f"shape {reprlib.repr(shape)} of {dtype}: expected 1 to {LARGEST} numbers")
     kind = np.dtype(dtype).type
     lowest, highest = (np.broadcast_to(np.array(bound, kind), shape) for bound in (low, high))
     return spaces.Box(lowest, highest, tuple(shape), kind)

@@ -207,6 +207,17 @@ def test_what_a_description_may_ask_for(guide, changes, message):
         load_agent(guide)
 
 
+@pytest.mark.filterwarnings("ignore:.*has no checksum")
+@pytest.mark.parametrize("shape", [[10**9, 7, 3], [7, "x", 3], [], [7, 0, 3], [7, 7.0, 3]])
+def test_what_an_observation_space_may_ask_for(guide, shape):
+    as_before(guide)
+    content = json.loads((guide / "agent.json").read_text())
+    content["observation_space"]["image"]["shape"] = shape
+    (guide / "agent.json").write_text(json.dumps(content))
+    with pytest.raises(ValueError, match="is damaged: its weights and its description don't fit"):
+        load_agent(guide)
+
+
 @pytest.mark.parametrize("number", [float("nan"), float("inf")])
 def test_weights_that_are_not_finite_are_neither_saved_nor_loaded(guide, number):
     policy = load_agent(guide)
