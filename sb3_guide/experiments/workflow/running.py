@@ -151,7 +151,8 @@ def run_workflow(config: dict[str, Any], cores: int, folder: Path) -> float:
             stopwatch.save()
             file.write(line)
             display.show(line)
-    if process.wait():
+        process.wait()  # here, for whoever is still there when the block ends is killed
+    if process.returncode:
         reason = " ".join(last_lines(log)[-3:])
         if display.failed:
             reason = f"failed: {', '.join(display.failed)}"

@@ -111,7 +111,7 @@ def test_an_expert_is_written_with_all_that_it_depends_on(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"n_steps": 2**17}, "a rollout would hold 346030080 values: expected at most 134217728"),
+        ({"n_steps": 2**18}, "a rollout would hold 229638144 values: expected at most 134217728"),
         ({"env_kwargs": {"history": 10**6}}, "history=1000000 in 4 worlds: expected 0 to"),
         ({"policy_kwargs": {"hat": 1}}, "can't be used .TypeError: .*'hat'"),
         ({"callback": 3}, "can't be used .TypeError"),
