@@ -91,7 +91,7 @@ def in_words(found: dict[str, float]) -> str:
 
 def card(folder: Path, evaluation: dict[str, Any]) -> str:
     """:return: the model card of the expert in this folder"""
-    runs, agent = read_json(folder / "runs.json"), read_json(folder / AGENT)
+    runs, agent = read_json(folder / "runs.json", list), read_json(folder / AGENT)
     last = runs[-1]
     return CARD.format(
         level=evaluation["level"],

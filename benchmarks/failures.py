@@ -2,7 +2,7 @@
 How an agent fails in a maze: `python -m benchmarks.failures sb3_guide/experts/GoToObjMaze --level GoToObjMaze`.
 
 Plays validation missions and tells of those that failed how many rooms were entered, whether the target was ever in view, and
-whether the last 100 actions went round in a circle.
+whether the last 40 actions went round in a circle.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from sb3_guide.policies import load_agent
 
 TYPES = {"key": KEY, "ball": BALL, "box": BOX}
 COLOURS = ("red", "green", "blue", "purple", "yellow", "grey")
-LAST = 100  # steps
+LAST = 40  # steps
 
 
 def places(level: str, seed: int, actions: np.ndarray) -> np.ndarray:

@@ -13,18 +13,17 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from safetensors.torch import load_file, save_file
 
 from sb3_guide.cloning import mission_seeds
 from sb3_guide.envs import ACTIONS
 from sb3_guide.experiments.stages.evaluate import evaluate
 from sb3_guide.experiments.stages.runs import use_threads
 from sb3_guide.experiments.stages.speak import entries
-from sb3_guide.files import atomically, read_json, write_json, write_text
+from sb3_guide.files import read_json, write_json, write_text
 from sb3_guide.language import Dictionary, learn, obey, read, save_dictionary
 from sb3_guide.metrics import obedience
 from sb3_guide.policies import AgentPolicy, load_agent
-from sb3_guide.policies.folder import AGENT, NETWORK
+from sb3_guide.policies.folder import read_agent, write_agent
 from sb3_guide.speakers import DICTIONARY, FOLDER
 
 EVALUATED = ("episodes", "successes", "success_rate", "low", "high", "mean_length", "first_seed", "versions")
@@ -34,10 +33,8 @@ AGENTS = {"guide": "A Guide of", "guided": "A Learner that hears a Guide of"}
 def ship(level: str, runs: Path, agent: str) -> None:
     """Write the folder of an agent."""
     folder = FOLDER / level / agent
-    folder.mkdir(parents=True, exist_ok=True)
-    with atomically(folder / NETWORK) as partial:
-        save_file({name: weight.half() for name, weight in load_file(runs / agent / NETWORK).items()}, partial)
-    write_json(folder / AGENT, read_json(runs / agent / AGENT))
+    description, weights = read_agent(runs / agent)
+    write_agent(folder, description, {name: weight.half() for name, weight in weights.items()})
     evaluate(folder, level, 1000, folder / "evaluation.json", threads=1)
     found = read_json(folder / "evaluation.json")
     write_json(folder / "evaluation.json", {name: found[name] for name in EVALUATED})

@@ -1,11 +1,16 @@
-"""One thread a process, as the tests themselves run side by side: threads that wait for each other stall otherwise."""
+"""What all tests run under."""
 
 import os
 import shutil
+import signal
 
 import pytest
 
-os.environ["OMP_NUM_THREADS"] = "1"  # read when torch is first imported, here and in the programs that tests start
+# One thread a process, as tests run side by side: threads that wait for each other stall otherwise. Read when torch is first
+# imported, here and in the programs that tests start.
+os.environ["OMP_NUM_THREADS"] = "1"
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as in the background of a script, and then in all programs tests start
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

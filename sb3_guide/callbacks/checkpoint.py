@@ -1,6 +1,9 @@
 """Training that survives being killed: everything that the next step depends on, in one file."""
 
+import hashlib
+import io
 import random
+import warnings
 from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -16,6 +19,8 @@ from stable_baselines3.common.vec_env import VecMonitor
 from sb3_guide.callbacks.success import EpisodeSuccesses
 from sb3_guide.files import atomically
 
+MAGIC = b"sb3-guide checkpoint 2 "  # begins the line that stands before what torch has written
+WITHOUT_CHECKSUM = b"PK"  # begins a checkpoint of the format before, a zip of torch's
 COUNTERS = ("num_timesteps", "_episode_num", "_n_updates", "_current_progress_remaining")
 MONITORED = ("episode_returns", "episode_lengths")  # of VecMonitor, in the midst of episodes
 
@@ -60,23 +65,40 @@ class TrainingCheckpoint(BaseCallback):
 
 def save_state(path: Path, state: dict[str, Any]) -> None:
     """
-    Write tensors and plain values atomically, in a form that loading can't execute.
+    Write tensors and plain values atomically, with a checksum, in a form that loading can't execute.
 
     :param path: of the file; its folder is made if need be
     :param state: dicts, lists, tuples, numbers, strings and tensors only
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    with atomically(path) as partial:
-        th.save(state, partial)
+    content = io.BytesIO()
+    th.save(state, content)
+    with atomically(path) as partial, partial.open("wb") as file:
+        file.write(first_line(content.getbuffer()))
+        file.write(content.getbuffer())
+
+
+def first_line(content: bytes | memoryview) -> bytes:
+    """:return: what stands before what torch has written: its SHA-256"""
+    return MAGIC + hashlib.sha256(content).hexdigest().encode() + b"\n"
 
 
 def load_state(path: Path) -> dict[str, Any]:
     """
+    A file of an earlier version, without checksum, is read with a warning.
+
     :param path: of a file that :func:`save_state` wrote
     :raises ValueError: if it is damaged
     """
     try:
-        return th.load(path, map_location="cpu", weights_only=True)
+        with path.open("rb") as file:
+            line, content = file.readline(len(first_line(b""))), file.read()
+        if line.startswith(WITHOUT_CHECKSUM):
+            warnings.warn(f"checkpoint {path} is of an earlier version and has no checksum", stacklevel=2)
+            return th.load(path, map_location="cpu", weights_only=True)
+        if line != first_line(content):
+            raise ValueError("its content doesn't match its checksum")
+        return th.load(io.BytesIO(content), map_location="cpu", weights_only=True)
     except Exception as error:  # torch raises whatever the damaged place makes it raise
         raise ValueError(f"checkpoint {path} is damaged ({error}): delete it to start anew") from error
 

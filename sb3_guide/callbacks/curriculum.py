@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -69,7 +70,7 @@ def falling(text: str) -> float:
     """
     kind, _, start = text.partition("_")
     try:
-        if kind == "lin":
+        if kind == "lin" and isfinite(float(start)):
             return float(start)
     except ValueError:
         pass

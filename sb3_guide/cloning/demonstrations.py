@@ -1,7 +1,7 @@
 """Demonstrations on disk: one safetensors file, without pickle, with checksum and provenance."""
 
-import hashlib
 import json
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,13 +9,12 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
-from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save_file
 
 from sb3_guide.cloning.episodes import Episodes, concatenate
-from sb3_guide.files import atomically
+from sb3_guide.files import checksum, read_arrays, write_arrays
 
-FORMAT = "sb3-guide demonstrations 1"
+FORMAT = "sb3-guide demonstrations 2"
+ARRAYS_CHECKED = "sb3-guide demonstrations 1"  # the format before: its checksum is of the arrays alone
 
 
 @dataclass(frozen=True)
@@ -64,37 +63,23 @@ def pool(parts: Sequence[Demonstrations]) -> Demonstrations:
     return Demonstrations(concatenate([part.episodes for part in parts]), "+".join(provenance), provenance)
 
 
-def checksum(episodes: Episodes) -> str:
-    """:return: SHA-256 over names, types, shapes and contents of all arrays"""
-    digest = hashlib.sha256()
-    for name, array in sorted(episodes.arrays().items()):
-        digest.update(f"{name} {array.dtype} {array.shape}".encode())
-        digest.update(np.ascontiguousarray(array).data)
-    return digest.hexdigest()
-
-
 def save_demonstrations(demonstrations: Demonstrations, path: str | Path) -> None:
     """
-    Write a file atomically.
+    Write a file atomically, with a checksum over all that is in it.
 
     :param demonstrations: what
     :param path: where; its folder is made if need be
     """
-    path = Path(path)
+    path, arrays = Path(path), demonstrations.episodes.arrays()
     path.parent.mkdir(parents=True, exist_ok=True)
-    metadata = {
-        "format": FORMAT,
-        "level": demonstrations.level,
-        "provenance": json.dumps(demonstrations.provenance),
-        "sha256": checksum(demonstrations.episodes),
-    }
-    arrays = {name: np.ascontiguousarray(array) for name, array in demonstrations.episodes.arrays().items()}
-    with atomically(path) as partial:
-        save_file(arrays, partial, metadata=metadata)
+    header = {"format": FORMAT, "level": demonstrations.level, "provenance": json.dumps(demonstrations.provenance)}
+    write_arrays(path, arrays, {**header, "sha256": checksum(arrays, header)})
 
 
 def load_demonstrations(path: str | Path) -> Demonstrations:
     """
+    A file of an earlier version, whose checksum leaves out level and provenance, is read with a warning.
+
     :param path: of a file written by :func:`save_demonstrations`
     :raises FileNotFoundError: if there is no file
     :raises ValueError: if it is truncated, changed or no demonstrations
@@ -103,16 +88,21 @@ def load_demonstrations(path: str | Path) -> Demonstrations:
     if not path.is_file():
         raise FileNotFoundError(f"{path} does not exist: expected demonstrations made by sb3-guide record")
     try:
-        with safe_open(path, framework="numpy") as file:
-            metadata = file.metadata() or {}
-            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  # it is no mapping
-        if metadata.get("format") != FORMAT:
-            raise ValueError(f"its format is {metadata.get('format')!r}, expected {FORMAT!r}")
-        demonstrations = Demonstrations(Episodes(**arrays), metadata["level"], json.loads(metadata["provenance"]))
-        if checksum(demonstrations.episodes) != metadata["sha256"]:
+        arrays, header = read_arrays(path)
+        expected, form = header.pop("sha256", None), header.get("format")
+        if form not in (FORMAT, ARRAYS_CHECKED):
+            raise ValueError(f"its format is {form!r}, expected {FORMAT!r}")
+        if checksum(arrays, None if form == ARRAYS_CHECKED else header) != expected:
             raise ValueError("its contents don't match its checksum")
-    except (SafetensorError, ValueError, KeyError, TypeError) as error:
+        demonstrations = Demonstrations(Episodes(**arrays), header["level"], json.loads(header["provenance"]))
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise ValueError(f"{path} holds no usable demonstrations ({error}): record them anew") from error
+    if form == ARRAYS_CHECKED:
+        warnings.warn(
+            f"{path} is of an earlier version, and its checksum leaves out level and provenance: make sure of where it is "
+            "from, and save it anew with save_demonstrations(load_demonstrations(path), path)",
+            stacklevel=2,
+        )
     return demonstrations
 
 

@@ -52,11 +52,15 @@ class Episodes:
             and self.returns.shape == self.seeds.shape == (episodes,)
             and self.offsets[0] == 0
             and self.offsets[-1] == frames
-            and (self.lengths > 0).all()
+            and ((self.lengths > 0) & (self.lengths <= frames)).all()
+            and self.actions.dtype.kind in "iu"
+            and self.missions.dtype.kind in "iu"
+            and self.offsets.dtype == self.seeds.dtype == np.int64
+            and self.returns.dtype == np.float64
             and (self.succeeded is None or (self.succeeded.shape == (episodes,) and self.succeeded.dtype == np.bool_))
         )
         if not fits:
-            shapes = {name: array.shape for name, array in self.arrays().items()}
+            shapes = {name: f"{array.dtype} {array.shape}" for name, array in self.arrays().items()}
             raise ValueError(f"arrays of {episodes} episodes and {frames} frames don't fit together: {shapes}")
 
     def arrays(self) -> dict[str, np.ndarray]:

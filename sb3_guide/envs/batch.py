@@ -27,6 +27,7 @@ from sb3_guide.envs.vocabulary import MISSION_LENGTH, decode
 Observation: TypeAlias = dict[str, np.ndarray]
 
 _WORD = (1 << 64) - 1
+MAX_WORLDS, MAX_IMAGES = 2**18, 2**20  # in a batch; the images are those that all its worlds remember
 _PATIENCE = 3.0  # seconds; loading compiled code takes less
 
 
@@ -55,14 +56,14 @@ class Batch:
     :param size: how many worlds
     :param history: how many images before the present one an observation holds
     :param n_threads: how many threads share the work of a step
-    :raises ValueError: if a number is too small
+    :raises ValueError: if a number is out of range
     """
 
     def __init__(self, level: Level, size: int, history: int, n_threads: int = 1) -> None:
-        if size < 1:
-            raise ValueError(f"n_envs={size}: expected at least one world")
-        if history < 0:
-            raise ValueError(f"history={history}: expected 0 or more images")
+        if not 1 <= size <= MAX_WORLDS:
+            raise ValueError(f"n_envs={size}: expected 1 to {MAX_WORLDS} worlds")
+        if not 0 <= history < MAX_IMAGES // size:
+            raise ValueError(f"history={history} in {size} worlds: expected 0 to {MAX_IMAGES // size - 1} images")
         if n_threads < 1:
             raise ValueError(f"n_threads={n_threads}: expected at least one thread")
         self.level = level

@@ -11,6 +11,7 @@ from sb3_guide.envs.vocabulary import MISSION_LENGTH, VOCABULARY_SIZE
 ACTIONS = ("left", "right", "forward", "pickup", "drop", "toggle", "done")
 IMAGE_SHAPE = (7, 7, 3)
 DEFAULT_HISTORY = 3  #: images before the present one in an observation
+MAX_HISTORY = 1000
 _IMAGE_HIGH = 10  # the highest number of Minigrid's encoding; with 255, SB3 would take the image for a picture
 
 
@@ -18,10 +19,10 @@ def observation_space(history: int) -> spaces.Dict:
     """
     :param history: how many images before the present one an observation holds
     :return: "image" (7, 7, 3), "mission" (72,) and, if history > 0, "history" (history, 7, 7, 3), all uint8
-    :raises ValueError: if history is negative
+    :raises ValueError: if history is out of range
     """
-    if history < 0:
-        raise ValueError(f"history={history}: expected 0 or more images")
+    if not isinstance(history, int | np.integer) or not 0 <= history <= MAX_HISTORY:
+        raise ValueError(f"history={history}: expected 0 to {MAX_HISTORY} images")
     members: dict[str, spaces.Space] = {
         "image": spaces.Box(0, _IMAGE_HIGH, IMAGE_SHAPE, np.uint8),
         "mission": spaces.Box(0, VOCABULARY_SIZE - 1, (MISSION_LENGTH,), np.uint8),

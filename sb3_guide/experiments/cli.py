@@ -302,7 +302,7 @@ def main() -> None:
         app()
     except ModuleNotFoundError as error:
         sys.exit(f"sb3-guide: {error}: expected the extras too, as by pip install 'sb3-guide[imitation,experiments,minari]'")
-    except (ValueError, FileNotFoundError, RuntimeError) as error:
+    except (ValueError, OSError, RuntimeError) as error:
         sys.exit(f"sb3-guide: {error}")
 
 

@@ -1,5 +1,6 @@
 """What all policies share: SB3's heads on one of the agents' networks."""
 
+import reprlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, ClassVar
@@ -19,6 +20,7 @@ from sb3_guide.policies.picture import check_spaces
 from sb3_guide.policies.sequences import Observations
 
 TWO_LAYERS = {"pi": [64], "vf": [64]}  # one hidden layer and SB3's linear head: the paper's two-layered policy module
+MAX_UNITS, MAX_LAYERS = 2048, 8
 
 
 class Heads(MlpExtractor):
@@ -29,6 +31,7 @@ class Heads(MlpExtractor):
     :param net_arch: as in SB3
     :param activation_fn: as in SB3
     :param device: as in SB3
+    :raises ValueError: if a layer has too many units, or there are too many layers
     """
 
     def __init__(
@@ -38,6 +41,11 @@ class Heads(MlpExtractor):
         activation_fn: type[nn.Module],
         device: th.device | str = "auto",
     ) -> None:
+        for layers in net_arch.values() if isinstance(net_arch, dict) else [net_arch]:
+            if len(layers) > MAX_LAYERS or not all(isinstance(units, int) and 1 <= units <= MAX_UNITS for units in layers):
+                raise ValueError(
+                    f"net_arch={reprlib.repr(net_arch)}: expected at most {MAX_LAYERS} layers of 1 to {MAX_UNITS} units"
+                )
         super().__init__(network.features_dim, net_arch, activation_fn, device)
         critic = MlpExtractor(network.critic_dim, net_arch, activation_fn, device)
         self.value_net, self.latent_dim_vf = critic.value_net, critic.latent_dim_vf

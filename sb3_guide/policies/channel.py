@@ -9,6 +9,7 @@ from torch import nn
 
 from sb3_guide.policies.products import transform
 
+MAX_LENGTH, MAX_VOCABULARY = 100, 10_000
 MAX_MESSAGES = 256  # enumerating more than these for the metrics would need too much memory
 
 
@@ -26,10 +27,11 @@ class MessageShape:
     vocabulary_size: int = 3
 
     def __post_init__(self) -> None:
-        if self.length < 1 or self.vocabulary_size < 2:
+        whole = isinstance(self.length, int) and isinstance(self.vocabulary_size, int)
+        if not whole or not 1 <= self.length <= MAX_LENGTH or not 2 <= self.vocabulary_size <= MAX_VOCABULARY:
             raise ValueError(
                 f"message_length={self.length} and vocabulary_size={self.vocabulary_size} make no channel: "
-                "expected a length of at least 1 and at least 2 symbols"
+                f"expected a length of 1 to {MAX_LENGTH} and 2 to {MAX_VOCABULARY} symbols"
             )
 
     @property

@@ -9,7 +9,7 @@ from stable_baselines3.common.preprocessing import is_image_space_channels_first
 PIXELS = 36  # on the shorter side, from which on bytes are colours; they are numbers of what lies in a cell below
 CELL_VALUES = 256  # that a channel of a cell may take
 CELLS = 128 * 128  # that one kernel may look at
-WORDS = 2**16
+WORDS, ACTIONS = 2**16, 2**14
 
 
 class Picture(NamedTuple):
@@ -99,5 +99,5 @@ def check_spaces(observation_space: spaces.Space, action_space: spaces.Space) ->
             f"agents see image, mission and history, and no {', '.join(unknown)}: leave it out of the observations by a "
             "wrapper, as sb3_guide.envs.TextMissionWrapper does"
         )
-    if not isinstance(action_space, spaces.Discrete) or action_space.start != 0:
-        raise ValueError(f"the actions are {action_space}: expected a Discrete space that starts at 0")
+    if not isinstance(action_space, spaces.Discrete) or action_space.start != 0 or action_space.n > ACTIONS:
+        raise ValueError(f"the actions are {action_space}: expected a Discrete space of at most {ACTIONS} that starts at 0")

@@ -2,6 +2,7 @@
 
 import inspect
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
 import torch as th
@@ -90,8 +91,9 @@ def load_agent(folder: str | Path, kind: type[AgentPolicy] | None = None) -> Age
     try:
         policy = build(policy_class, description)
         load_weights(policy, weights)
-    except (AttributeError, KeyError, RuntimeError, TypeError) as error:
-        raise ValueError(f"{folder} is damaged: its weights and its description don't fit ({error})") from error
+    except (AssertionError, AttributeError, LookupError, OverflowError, RuntimeError, TypeError, ValueError) as error:
+        reason = shorten(str(error), 200)  # torch names every weight
+        raise ValueError(f"{folder} is damaged: its weights and its description don't fit ({reason})") from error
     policy.set_training_mode(False)
     return policy
 
@@ -120,16 +122,25 @@ def start_from(policy: AgentPolicy, folder: str | Path) -> None:
 
 
 def build(policy_class: type[AgentPolicy], description: Description) -> AgentPolicy:
-    """:return: the policy with fresh weights"""
+    """
+    :return: the policy with fresh weights
+    :raises TypeError: if it takes no such arguments
+    :raises ValueError: if one is out of range
+    """
     kwargs = dict(description.kwargs)
-    activation = getattr(nn, kwargs.pop("activation_fn"))
-    if not (inspect.isclass(activation) and issubclass(activation, nn.Module)):
-        raise TypeError(f"{activation} is no activation function")
+    name = kwargs.pop("activation_fn")
+    if name not in nn.modules.activation.__all__:
+        raise ValueError(f"activation_fn={name!r} is no activation function of torch")
+    own = inspect.signature(policy_class.__init__).parameters  # SB3's own may do more than is meant here
+    if unknown := kwargs.keys() - own.keys() - {"net_arch"}:
+        raise TypeError(f"{policy_class.__name__} takes no {', '.join(sorted(unknown))}")
+    if not isinstance(kwargs.get("guide", {}), dict):
+        raise TypeError(f"guide={kwargs['guide']!r} is no description")
     of_levels = observation_space(description.history)
     return policy_class(
         of_levels if description.observation_space is None else space_of(description.observation_space),
         actions_of(len(ACTIONS) if description.actions is None else description.actions),
         lambda _: 0.0,
-        activation_fn=activation,
+        activation_fn=getattr(nn, name),
         **kwargs,
     )

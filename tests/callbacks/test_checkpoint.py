@@ -8,7 +8,7 @@ from stable_baselines3 import A2C, PPO
 from stable_baselines3.common.vec_env import VecMonitor
 
 from sb3_guide.callbacks import StopTrainingOnSuccessRate, SuccessRateCallback, TrainingCheckpoint, restore_training
-from sb3_guide.callbacks.checkpoint import load_state
+from sb3_guide.callbacks.checkpoint import load_state, save_state
 from sb3_guide.envs import GuideGridVecEnv
 
 STEPS, WORLDS = 16, 4
@@ -48,9 +48,19 @@ def test_resumed_equals_uninterrupted(algorithm, tmp_path):
 def test_a_damaged_checkpoint_is_named(tmp_path):
     path = tmp_path / "training.pt"
     build(PPO).learn(3 * ROLLOUT, callback=[TrainingCheckpoint(path, every_n_rollouts=1)])
-    path.write_bytes(path.read_bytes()[:1000])
-    with pytest.raises(ValueError, match=r"checkpoint .*training\.pt is damaged"):
-        load_state(path)
+    whole = path.read_bytes()
+    changed = bytearray(whole)
+    changed[-1000] ^= 1
+    for content in (whole[:1000], changed, b"", b"\n"):
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match=r"checkpoint .*training\.pt is damaged"):
+            load_state(path)
+
+
+def test_a_checkpoint_of_an_earlier_version_is_read_with_a_warning(tmp_path):
+    th.save({"epoch": 3}, tmp_path / "cloning.pt")
+    with pytest.warns(UserWarning, match="is of an earlier version and has no checksum"):
+        assert load_state(tmp_path / "cloning.pt") == {"epoch": 3}
 
 
 def test_a_checkpoint_executes_no_code(tmp_path):
@@ -58,6 +68,6 @@ def test_a_checkpoint_executes_no_code(tmp_path):
         def __reduce__(self):
             return (print, ("executed",))
 
-    th.save({"policy": Evil()}, tmp_path / "training.pt")
+    save_state(tmp_path / "training.pt", {"policy": Evil()})
     with pytest.raises(ValueError, match="is damaged"):
         load_state(tmp_path / "training.pt")

@@ -11,6 +11,7 @@ from sb3_guide.cloning import Demonstrations, Episodes, load_demonstrations, mis
 from sb3_guide.cloning.demonstrations import check_space
 from sb3_guide.cloning.episodes import concatenate
 from sb3_guide.envs import observation_space
+from sb3_guide.files import checksum
 from tests.cloning.helpers import make_demonstrations, make_episodes
 
 
@@ -67,20 +68,35 @@ def test_a_truncated_file_is_named(tmp_path, kept):
         load_demonstrations(path)
 
 
-def test_a_changed_file_is_noticed(tmp_path):
+def test_a_flipped_bit_is_noticed_wherever_it_is(tmp_path):
     path = tmp_path / "train.safetensors"
     save_demonstrations(make_demonstrations([3, 1, 5]), path)
-    content = bytearray(path.read_bytes())
-    content[-1] ^= 1
-    path.write_bytes(content)
-    with pytest.raises(ValueError, match="holds no usable demonstrations"):
+    whole = path.read_bytes()
+    header = 8 * (8 + int.from_bytes(whole[:8], "little"))
+    for bit in [*range(header), 8 * len(whole) - 1]:
+        changed = bytearray(whole)
+        changed[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(changed)
+        with pytest.raises(ValueError, match="holds no usable demonstrations"):
+            load_demonstrations(path)
+
+
+def test_a_file_of_an_earlier_version_is_read_with_a_warning(tmp_path):
+    path, demonstrations = tmp_path / "train.safetensors", make_demonstrations([3, 1, 5])
+    arrays = demonstrations.episodes.arrays()
+    header = {"format": "sb3-guide demonstrations 1", "level": "GoToObj", "provenance": "{}", "sha256": checksum(arrays)}
+    save_file(arrays, path, header)
+    with pytest.warns(UserWarning, match="its checksum leaves out level and provenance"):
+        assert equal(load_demonstrations(path).episodes, demonstrations.episodes)
+    save_file({**arrays, "returns": arrays["returns"] + 1}, path, header)
+    with pytest.raises(ValueError, match="its contents don't match its checksum"):
         load_demonstrations(path)
 
 
 def test_another_safetensors_file(tmp_path):
     path = tmp_path / "weights.safetensors"
     save_file({"weight": np.zeros(3)}, path)
-    with pytest.raises(ValueError, match="its format is None, expected 'sb3-guide demonstrations 1'"):
+    with pytest.raises(ValueError, match="its format is None, expected 'sb3-guide demonstrations 2'"):
         load_demonstrations(path)
     assert load_file(path)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import sb3_guide.envs
+import sb3_guide.files
 from sb3_guide.envs import GuideGridVecEnv
 from sb3_guide.envs.engine import kernel
 
@@ -39,6 +40,7 @@ def test_an_edit_is_noticed_and_nothing_else_compiles(tmp_path: Path) -> None:
     """Numba itself would only notice an edit of the file with the entry points."""
     package = tmp_path / "sb3_guide"
     shutil.copytree(Path(sb3_guide.envs.__file__).parent, package / "envs")
+    shutil.copy(Path(sb3_guide.files.__file__), package)
     (package / "__init__.py").touch()
     play(tmp_path)
     assert play(tmp_path) == "go to the green key: from cache"

@@ -6,8 +6,9 @@ import sys
 import pytest
 from typer.testing import CliRunner
 
-from sb3_guide.experiments.cli import Hears, app
+from sb3_guide.experiments.cli import Hears, app, main
 from sb3_guide.experiments.stages.configs import load_config
+from sb3_guide.experts import expert_folder
 from sb3_guide.policies.interventions import INTERVENTIONS
 
 COMMANDS = ("expert", "record", "clone", "evaluate", "analyze", "ablate", "speak", "reproduce")
@@ -50,10 +51,29 @@ def test_wrong_use_ends_with_one_line(arguments, message, tmp_path, monkeypatch)
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["expert", "--level", "GoToObj", "--out", "/sys/run"],
+        ["record", "--level", "GoToObj", "--expert", "pretrained", "--episodes", "1", "--out", "/sys/run/train.safetensors"],
+        ["evaluate", str(expert_folder("GoToObj")), "--level", "GoToObj", "--episodes", "1", "--out", "/sys/run.json"],
+        ["reproduce", "GoToObj", "--out", "/sys/run"],
+    ],
+)
+def test_a_folder_that_cannot_be_written_to(arguments, monkeypatch):
+    """Even root can make nothing there."""
+    monkeypatch.setattr(sys, "argv", ["sb3-guide", *arguments])
+    with pytest.raises(SystemExit, match=r"^sb3-guide: .*(not permitted|denied).*/sys/run"):
+        main()
+
+
 @pytest.mark.parametrize("name", ["ppo", "bc"])
 @pytest.mark.parametrize("level", ["GoToObj", "GoToLocal"])
 def test_every_level_has_its_hyper_parameters(name, level):
     assert load_config(name, level)
+
+
+KEY = "GuideGrid-GoToObj-v0"
 
 
 def test_configs_that_cannot_be_read(tmp_path):
@@ -63,6 +83,9 @@ def test_configs_that_cannot_be_read(tmp_path):
         ("a: [", "is no YAML"),
         ("a: 1", "has no entry GuideGrid-GoToObj-v0: it has a"),
         ("", "it has none"),
+        (f"{KEY}: {{policy: LearnerPolicy, n_envs: 4}}", "lacks n_timesteps"),
+        (f"{KEY}: {{policy: LearnerPolicy, n_envs: {10**9}, n_timesteps: 1}}", "n_envs=1000000000: expected a whole number"),
+        (f"{KEY}: {{policy: LearnerPolicy, n_envs: 4.5, n_timesteps: 1}}", "n_envs=4.5: expected a whole number"),
     ):
         (tmp_path / "some.yml").write_text(content)
         with pytest.raises(ValueError, match=message):

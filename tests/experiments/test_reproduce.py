@@ -118,13 +118,37 @@ def test_a_run_that_is_killed_again_and_again_ends_with_the_same_summary(
     snakemake.kill()  # its caller then ends by itself, and what it called
     assert process.wait() == 1
     assert processes_of(tmp_path) == []
-    process = until("seed0/guided")
+    process = until("seed0/guided", seconds=3)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
-    process = until("seed0/analysis/guide")
+    process = until("seed0/analysis/guided")  # which no earlier call can have begun
+    (caller,) = psutil.Process(process.pid).children()
     os.killpg(process.pid, signal.SIGINT)
     process.wait()
+    psutil.wait_procs([caller], timeout=20)  # the shell that called it doesn't wait for it
     assert processes_of(tmp_path) == []
+    reproduce("stages", ["GoToObj"], seeds=1, cores=2, out=tmp_path)
+    assert summary_of(tmp_path) == undisturbed
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_run_that_is_asked_to_end_leaves_nothing_running(number: signal.Signals, workflow: Path, tmp_path: Path) -> None:
+    process = start(workflow, tmp_path, seconds=60)
+    wait_for(tmp_path / "log" / "GoToObj" / "expert.log", process)
+    (caller,) = psutil.Process(process.pid).children()
+    for _ in range(3):  # whoever is impatient asks again
+        caller.send_signal(number)
+    assert process.wait(timeout=20) in (1, 128 + number)
+    assert processes_of(tmp_path) == []
+    with locked(tmp_path):
+        pass
+
+
+def test_a_clock_that_was_set_back_changes_nothing(undisturbed: dict[str, Any], tmp_path: Path) -> None:
+    reproduce("stages", ["GoToObj"], seeds=1, cores=2, out=tmp_path)
+    tomorrow = time.time() + 24 * 3600
+    for path in [*(tmp_path / "GoToObj" / "demos").iterdir(), *(tmp_path / "GoToObj" / "expert").iterdir()]:
+        os.utime(path, (tomorrow, tomorrow))  # these were written before it was
     reproduce("stages", ["GoToObj"], seeds=1, cores=2, out=tmp_path)
     assert summary_of(tmp_path) == undisturbed
 
@@ -169,8 +193,11 @@ def test_the_workflow_speaks_the_command_line_of_the_stages(tmp_path: Path) -> N
 
 
 def test_two_runs_in_one_folder_are_refused(tmp_path: Path) -> None:
-    with locked(tmp_path), pytest.raises(RuntimeError, match="in use by another reproduce"):
-        reproduce("stages", ["GoToObj"], seeds=1, cores=1, out=tmp_path)
+    with locked(tmp_path):
+        for owner in ((tmp_path / ".owner.json").read_text(), "{}", '{"pid": "me"}', "{"):
+            (tmp_path / ".owner.json").write_text(owner)
+            with pytest.raises(RuntimeError, match="in use by another reproduce"):
+                reproduce("stages", ["GoToObj"], seeds=1, cores=1, out=tmp_path)
 
 
 def test_a_folder_that_is_none_is_refused(tmp_path: Path) -> None:

@@ -49,8 +49,8 @@ def snippets(readme: Path) -> str:
 
 
 def seconds_to_import(module: str) -> float:
-    """:return: the least of three"""
-    code = f"import time; started = time.perf_counter(); import {module}; print(time.perf_counter() - started)"
+    """:return: the least of three, of the processor's time, which other programs don't lengthen"""
+    code = f"import time; started = time.process_time(); import {module}; print(time.process_time() - started)"
     return min(float(run(sys.executable, "-c", code)) for _ in range(3))
 
 
@@ -69,11 +69,9 @@ def check_import_time() -> None:
 def check_commands() -> None:
     Path("expert.yml").write_text(EXPERT)
     Path("study.yml").write_text(STUDY)
-    commands = cli("--help")
     cli("expert", "--level", "GoToObj", "--config", "expert.yml", "--out", "runs/expert")
     cli("speak", "pretrained", "--level", "GoToObj", "--say", "w0 w1", "--out", "runs/speech")
-    if re.search(r"\bplay\b", commands):
-        cli("play", "pretrained", "--level", "GoToObj", "--export", "runs/playground.html")
+    cli("play", "--level", "GoToObj", "--episodes", "1", "--export", "runs/playground.html")
     cli("reproduce", "--study", "minute", "--conditions", "study.yml", "--cores", "2", "--out", "runs/minute")
     assert list(Path("runs/minute").rglob("guided-in-a-minute/evaluation.json"))
 

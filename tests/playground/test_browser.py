@@ -122,7 +122,7 @@ def address(tmp_path_factory) -> Iterator[str]:
         command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     )
     assert server.stdout is not None
-    assert f"http://127.0.0.1:{port}" in server.stdout.readline()
+    assert any(f"http://127.0.0.1:{port}" in line for line in server.stdout)  # the engine may have to be compiled first
     for _ in range(200):
         with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port)):
             break

@@ -2,11 +2,14 @@
 
 import json
 import shutil
+import warnings
 
+import numpy as np
 import pytest
 import torch as th
 from stable_baselines3 import PPO
 
+from sb3_guide.files import read_arrays, write_arrays
 from sb3_guide.policies import (
     AgentPolicy,
     GuidedLearnerPolicy,
@@ -128,18 +131,115 @@ def test_a_folder_that_is_no_agents(tmp_path):
         ("network.safetensors", b"\0" * 100, r"network\.safetensors is damaged"),
         ("agent.json", b"{", r"agent\.json is no JSON"),
         ("agent.json", b"{}", "does not describe an agent"),
-        ("agent.json", b'{"policy": "GuidePolicy", "kwargs": {}, "history": 3, "format": 99}', "has format 99: expected 1"),
-        ("agent.json", b'{"policy": "OsPolicy", "kwargs": {}, "history": 3}', "holds a OsPolicy: expected one of"),
-        (
-            "agent.json",
-            b'{"policy": "GuidePolicy", "kwargs": {"activation_fn": "init"}, "history": 3}',
-            "is damaged: its weights and its description don't fit",
-        ),
+        ("agent.json", b'{"policy": "GuidePolicy", "kwargs": {}, "history": 3, "format": 99}', "has format 99: expected 2"),
+        ("agent.json", b'{"policy": "GuidePolicy", "kwargs": {}, "history": 3}', "its files don't match its checksum"),
+        ("agent.json", b'{"policy": ["GuidePolicy"], "kwargs": {}, "history": 3}', "policy is .*: expected str"),
+        ("agent.json", b"[]", "holds a list: expected a dict"),
+        ("agent.json", b"[" * 10**6, "is no JSON"),
+        ("agent.json", b" " * 2**25, "has 33554432 bytes: expected at most"),
     ],
 )
 def test_damaged_files_are_named(guide, file, content, message):
     (guide / file).write_bytes(content)
     with pytest.raises(ValueError, match=message):
+        load_agent(guide)
+
+
+def flipped(content: bytes, bit: int) -> bytes:
+    return content[: bit // 8] + bytes([content[bit // 8] ^ 1 << bit % 8]) + content[bit // 8 + 1 :]
+
+
+@pytest.mark.parametrize("file", ["network.safetensors", "agent.json"])
+def test_a_flipped_bit_is_noticed_wherever_it_is(guide, file):
+    whole = (guide / file).read_bytes()
+    for bit in np.random.default_rng(0).choice(8 * len(whole), 100, replace=False):
+        (guide / file).write_bytes(flipped(whole, bit))
+        with pytest.raises(ValueError, match=str(guide)):
+            load_agent(guide)
+
+
+def test_weights_of_one_agent_and_the_description_of_another(guide, tmp_path):
+    other = load_agent(guide)
+    th.nn.init.ones_(other.action_net.bias)
+    save_agent(other, tmp_path / "other", level="GoToObj")
+    shutil.copy(tmp_path / "other" / "network.safetensors", guide)
+    with pytest.raises(ValueError, match="its files don't match its checksum"):
+        load_agent(guide)
+
+
+def as_before(folder, **changes) -> None:
+    """Rewrite an agent's description as earlier versions wrote it: without checksum."""
+    content = json.loads((folder / "agent.json").read_text())
+    del content["sha256"]
+    content["kwargs"] |= changes
+    (folder / "agent.json").write_text(json.dumps({**content, "format": 1}))
+
+
+def test_a_folder_of_an_earlier_version_is_read_with_a_warning_and_saved_anew(guide, window):
+    policy = load_agent(guide)
+    as_before(guide)
+    with pytest.warns(UserWarning, match="has no checksum: make sure of where it is from, and save it anew"):
+        loaded = load_agent(guide)
+    assert same(policy, loaded, window)
+    save_agent(loaded, guide)
+    with warnings.catch_warnings(action="error"):
+        load_agent(guide)
+
+
+@pytest.mark.filterwarnings("ignore:.*has no checksum")
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"message_length": 10**9}, "expected a length of 1 to 100 and 2 to 10000 symbols"),
+        ({"vocabulary_size": 10**9}, "expected a length of 1 to 100 and 2 to 10000 symbols"),
+        ({"vocabulary_size": 4.0}, "expected a length of 1 to 100 and 2 to 10000 symbols"),
+        ({"net_arch": [10**9]}, "expected at most 8 layers of 1 to 2048 units"),
+        ({"net_arch": [64] * 1000}, "expected at most 8 layers of 1 to 2048 units"),
+        ({"activation_fn": "Transformer"}, "activation_fn='Transformer' is no activation function"),
+        ({"features_extractor_kwargs": {}}, "GuidePolicy takes no features_extractor_kwargs"),
+        ({"guide": "somewhere/else"}, "guide='somewhere/else' is no description"),
+        ({"size": "paper"}, "Missing key"),
+    ],
+)
+def test_what_a_description_may_ask_for(guide, changes, message):
+    as_before(guide, **changes)
+    with pytest.raises(ValueError, match=f"is damaged: its weights and its description don't fit .*{message}"):
+        load_agent(guide)
+
+
+@pytest.mark.filterwarnings("ignore:.*has no checksum")
+@pytest.mark.parametrize("shape", [[10**9, 7, 3], [7, "x", 3], [], [7, 0, 3], [7, 7.0, 3]])
+def test_what_an_observation_space_may_ask_for(guide, shape):
+    as_before(guide)
+    content = json.loads((guide / "agent.json").read_text())
+    content["observation_space"]["image"]["shape"] = shape
+    (guide / "agent.json").write_text(json.dumps(content))
+    with pytest.raises(ValueError, match="is damaged: its weights and its description don't fit"):
+        load_agent(guide)
+
+
+@pytest.mark.parametrize("number", [float("nan"), float("inf")])
+def test_weights_that_are_not_finite_are_neither_saved_nor_loaded(guide, number):
+    policy = load_agent(guide)
+    th.nn.init.constant_(policy.action_net.bias, number)
+    with pytest.raises(ValueError, match=r"action_net\.bias of the agent in .* is not finite: its training diverged"):
+        save_agent(policy, guide)
+    load_agent(guide)
+    weights = {name: np.full_like(weight, number) for name, weight in read_arrays(guide / "network.safetensors")[0].items()}
+    write_arrays(guide / "network.safetensors", weights)
+    as_before(guide)
+    with pytest.warns(UserWarning, match="has no checksum"), pytest.raises(ValueError, match="is not finite"):
+        load_agent(guide)
+
+
+def test_no_more_memory_is_taken_than_the_file_is_long(guide):
+    header = json.dumps({"weight": {"dtype": "F32", "shape": [10**10], "data_offsets": [0, 4 * 10**10]}}).encode()
+    (guide / "network.safetensors").write_bytes(len(header).to_bytes(8, "little") + header)
+    with pytest.raises(ValueError, match=r"network\.safetensors is damaged"):
+        load_agent(guide)
+    with (guide / "network.safetensors").open("wb") as file:
+        file.truncate(2**40)  # a hole
+    with pytest.raises(ValueError, match="has 1099511627776 bytes: expected at most 1073741824"):
         load_agent(guide)
 
 

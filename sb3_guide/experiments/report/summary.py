@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import linregress
 
-from sb3_guide.experiments.stages.runs import read_table
+from sb3_guide.experiments.stages.runs import intact, read_table
 from sb3_guide.experiments.stages.statistics import wilson_interval
 from sb3_guide.files import read_json
 
@@ -30,8 +30,10 @@ def summarise(folder: Path, levels: Sequence[str], seeds: int, wall_seconds: flo
     :param wall_seconds: that the run has taken
     :return: the block of the level, or with several levels {"levels": {name: block}}; and "wall_seconds"
     :raises FileNotFoundError: if a stage's result is missing
+    :raises ValueError: if one is damaged
     """
-    blocks = {level: summarise_level(folder / level, seeds) for level in levels}
+    with intact(folder):
+        blocks = {level: summarise_level(folder / level, seeds) for level in levels}
     content = blocks[levels[0]] if len(blocks) == 1 else {"levels": blocks}
     return {**content, "wall_seconds": wall_seconds}
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from sb3_guide.experiments.stages.runs import read_table, write_table
+from sb3_guide.experiments.stages.runs import intact, read_table, write_table
 from sb3_guide.files import read_json
 
 CURVE = ("episodes", "success_rate", "loss", "cic", "uniform_cic", "message_entropy")
@@ -17,14 +17,16 @@ def write_tables(runs: Path, out: Path) -> None:
 
     :param runs: folder of runs, as ``sb3-guide reproduce`` makes it
     :param out: folder of the tables, made if need be
-    :raises ValueError: if there is no finished run
+    :raises ValueError: if there is no finished run, or a result is damaged
     """
     found = sorted(finished(runs))
     if not found:
         raise ValueError(f"{runs} holds no finished run: expected a folder that sb3-guide reproduce has made")
+    with intact(runs):
+        curves, finals = [row for key in found for row in curve(runs, *key)], [final(runs, *key) for key in found]
     out.mkdir(parents=True, exist_ok=True)
-    merge(out / "curves.csv", [row for key in found for row in curve(runs, *key)])
-    merge(out / "finals.csv", [final(runs, *key) for key in found])
+    merge(out / "curves.csv", curves)
+    merge(out / "finals.csv", finals)
 
 
 def finished(runs: Path) -> Iterator[tuple[str, str, int]]:

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import torch as th
-import yaml
 from imitation.util.logger import HierarchicalLogger
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from stable_baselines3.common.utils import get_schedule_fn, set_random_seed, update_learning_rate
@@ -17,10 +16,11 @@ from sb3_guide.cloning import Demonstrations, Validation, load_demonstrations, m
 from sb3_guide.cloning.bc import EpisodeLoss, episode_bc
 from sb3_guide.cloning.demonstrations import pool
 from sb3_guide.envs import spaces_of
-from sb3_guide.experiments.stages.configs import algorithm_arguments, load_config
+from sb3_guide.experiments.stages.configs import algorithm_arguments, check_numbers, in_use, load_config
 from sb3_guide.experiments.stages.evaluate import evaluate
 from sb3_guide.experiments.stages.levels import join_levels, split_levels
 from sb3_guide.experiments.stages.runs import Run, digest, stage, use_threads, write_table
+from sb3_guide.files import parse_yaml
 from sb3_guide.policies import AgentPolicy, PretrainedGuide, save_agent
 from sb3_guide.policies.folder import NETWORK
 from sb3_guide.policies.networks import GuideNetwork
@@ -98,7 +98,8 @@ def clone(
         use_threads(threads)
         set_random_seed(seed)
         train, validation = (demonstrations_of(names, demos, split) for split in ("train", "validation"))
-        policy = build(agent, names[0], config, policy_kwargs, init)
+        with in_use(config):
+            policy = build(agent, names[0], config, policy_kwargs, init)
         train = [part.first(config["train_episodes"]) for part in train]
         cloning = Cloning(policy, train, validation, out, seed, config, run)
         if tensorboard:
@@ -182,12 +183,17 @@ def override(config: dict[str, Any], params: Sequence[str]) -> dict[str, Any]:
     :param config: the level's entry of bc.yml
     :param params: such as "n_epochs:5"
     :return: the entry with those values instead
-    :raises ValueError: if there is no such hyper-parameter
+    :raises ValueError: if there is no such hyper-parameter, or its value is no YAML or out of range
     """
     changes = dict(param.partition(":")[::2] for param in params)
     if unknown := changes.keys() - config.keys():
         raise ValueError(f"--params {', '.join(sorted(unknown))} are unknown: expected NAME:VALUE of {', '.join(config)}")
-    return {**config, **{name: yaml.safe_load(value) for name, value in changes.items()}}
+    try:
+        overridden = {**config, **{name: parse_yaml(value) for name, value in changes.items()}}
+    except ValueError as error:
+        raise ValueError(f"--params {', '.join(params)}: expected values in YAML ({error})") from error
+    check_numbers(overridden)
+    return overridden
 
 
 def demonstrations_of(levels: Sequence[str], folders: Sequence[Path], split: str) -> list[Demonstrations]:

@@ -1,16 +1,35 @@
 """Hyper-parameters, which live in zoo_configs/ only."""
 
+import reprlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
-import yaml
 from stable_baselines3.common.type_aliases import Schedule
 
 from sb3_guide.callbacks.curriculum import falling
 from sb3_guide.envs import is_level, level_of
+from sb3_guide.envs.batch import MAX_WORLDS
+from sb3_guide.files import fits, read_yaml
 
 PACKAGE = Path(__file__).parents[2]
 FOLDERS = (PACKAGE / "zoo_configs", PACKAGE.parent / "zoo_configs")  # inside a wheel, beside the package in a checkout
+
+# What every entry must have: those of cloning, and those of an algorithm of SB3's
+OF_CLONING = (
+    *("train_episodes", "validation_episodes", "analysis_episodes", "n_epochs", "validate_every", "validate_at"),
+    *("batch_size", "learning_rate", "ent_weight"),
+)
+OF_TRAINING = ("policy", "n_envs", "n_timesteps")
+# The largest whole numbers, so that none asks for more memory than a machine has; the least is 1
+MOST = {
+    **{"n_envs": MAX_WORLDS, "n_steps": 2**18, "batch_size": 2**18, "n_timesteps": 10**12},
+    **{"n_epochs": 10**6, "validate_every": 10**6, "validation_episodes": 10**6, "analysis_episodes": 10**6},
+    **{"recorded_episodes": 10**7, "train_episodes": 10**7},
+}
+MOST_VALUES = 2**27  # in the observations of a rollout: half a gigabyte as SB3 keeps them
 
 OF_THE_ZOO = ("policy", "n_envs", "n_timesteps", "env_kwargs", "callback")  # keys that rl-zoo itself reads
 
@@ -38,23 +57,52 @@ def schedule(text: str) -> Schedule:
     return lambda progress_remaining: progress_remaining * start
 
 
+@contextmanager
+def in_use(config: dict[str, Any]) -> Iterator[None]:
+    """
+    Say in one line what a block that is given hyper-parameters can't do with them.
+
+    :param config: a level's entry in rl-zoo's format
+    :raises ValueError: instead of what such a block raises
+    """
+    try:
+        yield
+    except (ArithmeticError, AssertionError, AttributeError, LookupError, NotImplementedError, TypeError) as error:
+        reason = shorten(f"{type(error).__name__}: {error}", 200)
+        raise ValueError(f"the hyper-parameters {reprlib.repr(config)} can't be used ({reason})") from error
+
+
 def load_config(name: str, level: str, file: Path | None = None) -> dict[str, Any]:
     """
     :param name: of a packaged file, such as "ppo" or "bc"
     :param level: name of the level, or id of another environment, whose entry to take
     :param file: YAML in rl-zoo's format to read instead of the packaged one
     :raises FileNotFoundError: if the file does not exist
-    :raises ValueError: if it is no YAML mapping or has no entry for the level
+    :raises ValueError: if it is no YAML mapping or has no usable entry for the level
     """
     path = next(folder for folder in FOLDERS if folder.is_dir()) / f"{name}.yml" if file is None else file
     if not path.is_file():
         raise FileNotFoundError(f"{path} does not exist: expected a YAML file in rl-zoo's format")
-    try:
-        entries = yaml.safe_load(path.read_text())
-    except yaml.YAMLError as error:
-        raise ValueError(f"{path} is no YAML: {error}") from error
+    entries = read_yaml(path)
     key = level_of(level).env_id if is_level(level) else level
     if not isinstance(entries, dict) or not isinstance(entries.get(key), dict):
-        known = ", ".join(entries) if isinstance(entries, dict) else "none"
+        known = ", ".join(map(str, entries)) if isinstance(entries, dict) else "none"
         raise ValueError(f"{path} has no entry {key}: it has {known}; add one or pass another file with --config")
-    return entries[key]
+    config = entries[key]
+    if missing := [entry for entry in (OF_CLONING if name == "bc" else OF_TRAINING) if entry not in config]:
+        raise ValueError(f"{key} in {path} lacks {', '.join(missing)}")
+    check_numbers(config)
+    return config
+
+
+def check_numbers(config: dict[str, Any]) -> None:
+    """
+    :param config: a level's entry in rl-zoo's format
+    :raises ValueError: if a number is out of range
+    """
+    for name, most in MOST.items():
+        if name in config and not (isinstance(config[name], int) and 1 <= config[name] <= most):
+            raise ValueError(f"{name}={reprlib.repr(config[name])}: expected a whole number from 1 to {most}")
+    points = config.get("validate_at", [])
+    if not fits(points, list[int | float]) or not all(0 <= point <= MOST["n_epochs"] for point in points):
+        raise ValueError(f"validate_at={reprlib.repr(points)}: expected a list of epochs")

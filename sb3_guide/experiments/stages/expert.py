@@ -1,8 +1,10 @@
 """Stage 1: an expert by an algorithm of SB3's family (paper section 3.3), as it is."""
 
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
+from gymnasium.spaces.utils import flatdim
 from sb3_contrib import RecurrentPPO
 from stable_baselines3 import A2C, PPO
 from stable_baselines3.common.callbacks import BaseCallback
@@ -23,7 +25,7 @@ from sb3_guide.callbacks import (
 from sb3_guide.callbacks.checkpoint import load_state
 from sb3_guide.callbacks.success import EpisodeSuccesses
 from sb3_guide.envs import GuideGridVecEnv, is_level, level_of
-from sb3_guide.experiments.stages.configs import algorithm_arguments, load_config
+from sb3_guide.experiments.stages.configs import MOST_VALUES, algorithm_arguments, in_use, load_config
 from sb3_guide.experiments.stages.levels import environment
 from sb3_guide.experiments.stages.runs import TableWriter, plain_values, stage, use_threads
 from sb3_guide.policies import AgentPolicy, load_agent, save_agent
@@ -71,7 +73,8 @@ def train_expert(
             return
         use_threads(threads)
         checkpoint, rows, logged = out / "checkpoint" / "training.pt", [], {}
-        model, callbacks = build(ALGORITHMS[algo], level, seed, config), [SuccessRateCallback(), *build_callbacks(config)]
+        with in_use(config):
+            model, callbacks = build(ALGORITHMS[algo], level, seed, config), [SuccessRateCallback(), *build_callbacks(config)]
         watchers = [callback for callback in callbacks if isinstance(callback, EpisodeSuccesses)]
         assert isinstance(model.policy, AgentPolicy)
         if init is not None:
@@ -106,6 +109,7 @@ def build(algorithm: type[OnPolicyAlgorithm], level: str, seed: int, config: dic
     :param seed: of everything
     :param config: the level's entry in rl-zoo's format
     :return: a model in its worlds, not yet trained
+    :raises ValueError: if a rollout would take too much memory
     """
     without_window = {"history": 0} if algorithm is RecurrentPPO and is_level(level) else {}  # memory holds what it would
     n_envs, env_kwargs = config["n_envs"], {**without_window, **config.get("env_kwargs", {})}
@@ -114,6 +118,9 @@ def build(algorithm: type[OnPolicyAlgorithm], level: str, seed: int, config: dic
         if is_level(level)
         else make_vec_env(level, n_envs, env_kwargs=env_kwargs)
     )
+    n_steps = config.get("n_steps", signature(algorithm).parameters["n_steps"].default)
+    if (values := n_steps * n_envs * flatdim(venv.observation_space)) > MOST_VALUES:
+        raise ValueError(f"a rollout would hold {values} values: expected at most {MOST_VALUES}; lower n_steps or n_envs")
     return algorithm(config["policy"], venv, seed=seed, **algorithm_arguments(config))
 
 
@@ -125,7 +132,7 @@ def build_callbacks(config: dict[str, Any]) -> list[BaseCallback]:
     """
     callbacks = []
     for entry in config.get("callback", []):
-        name, arguments = next(iter(entry.items())) if isinstance(entry, dict) else (entry, {})
+        name, arguments = next(iter(entry.items()), (None, {})) if isinstance(entry, dict) else (entry, {})
         if name not in CALLBACKS:
             raise ValueError(f"callback {name!r} is unknown: expected one of {', '.join(CALLBACKS)}")
         callbacks.append(CALLBACKS[name](**arguments))

@@ -5,13 +5,12 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
-from filelock import FileLock
 from tqdm import tqdm
 
 from sb3_guide.cloning import Demonstrations, mission_seeds, play, save_demonstrations
 from sb3_guide.cloning.episodes import Episodes, concatenate
 from sb3_guide.experiments.stages.levels import environment
-from sb3_guide.experiments.stages.runs import record, use_threads
+from sb3_guide.experiments.stages.runs import alone, record, use_threads
 from sb3_guide.files import write_json
 from sb3_guide.policies import AgentPolicy, load_agent
 from sb3_guide.policies.agents import LearnerAgent
@@ -30,6 +29,7 @@ def record_demonstrations(level: str, expert: Path, split: str, n_episodes: int,
     :param n_episodes: to be kept
     :param out: file of the demonstrations; a record of the run is written beside it
     :param threads: of torch
+    :raises RuntimeError: if another call writes that file
     :raises ValueError: if the expert fails most missions, or an argument is out of range
     """
     level = environment(level)
@@ -38,7 +38,7 @@ def record_demonstrations(level: str, expert: Path, split: str, n_episodes: int,
     started = time.monotonic()
     policy = load_agent(expert, LearnerAgent)
     out.parent.mkdir(parents=True, exist_ok=True)
-    with FileLock(out.with_name(f"{out.name}.lock")):
+    with alone(out, out.with_name(f"{out.name}.lock")):
         episodes, played = successful_episodes(policy, level, split, n_episodes)
         provenance = {
             "split": split,

@@ -16,11 +16,33 @@ from typing import Any
 
 import numpy as np
 import torch as th
-from filelock import FileLock
+from filelock import FileLock, Timeout
 from stable_baselines3.common.logger import KVWriter
 
 from sb3_guide.files import read_json, write_json, write_text
 from sb3_guide.policies.folder import package_versions
+
+PATIENCE = 5  # seconds, in which one that was killed has ended
+
+
+@contextmanager
+def alone(place: Path, lock: Path) -> Iterator[None]:
+    """
+    Work where no other call works.
+
+    :param place: folder or file that is worked on
+    :param lock: file of its lock, which the kernel releases when the holder dies
+    :raises RuntimeError: if another call works there
+    """
+    held = FileLock(lock)
+    try:
+        held.acquire(timeout=PATIENCE)
+    except Timeout:
+        raise RuntimeError(f"{place} is in use by another call: wait for it, or choose another --out") from None
+    try:
+        yield
+    finally:
+        held.release()
 
 
 @dataclass
@@ -54,10 +76,13 @@ def stage(name: str, settings: dict[str, Any], folder: Path, resume: bool, renew
     :param folder: made if need be
     :param resume: go on where an earlier run of the same settings stopped, or return at once where it finished
     :param renew: the same; and where an earlier run had other settings, delete it, say so, and begin anew
+    :raises RuntimeError: if another call works in the folder
     :raises ValueError: if the folder holds a run of other settings, or one that was not to be resumed
     """
     folder.mkdir(parents=True, exist_ok=True)
-    with FileLock(folder / "lock"):  # the kernel releases it when its holder dies
+    with alone(folder, folder / "lock"):
+        for left in folder.rglob("*.partial"):  # by one that was killed
+            left.unlink()
         begun = folder / "settings.json"
         if begun.exists() and renew and (changed := changes(read_json(begun), settings)):
             print(
@@ -145,6 +170,20 @@ def write_table(path: Path, rows: Sequence[dict[str, Any]]) -> None:
     writer.writeheader()
     writer.writerows(rows)
     write_text(path, text.getvalue())
+
+
+@contextmanager
+def intact(folder: Path) -> Iterator[None]:
+    """
+    Read results.
+
+    :param folder: of them
+    :raises ValueError: if one lacks something, or has something else in its place
+    """
+    try:
+        yield
+    except (LookupError, TypeError, ValueError) as error:
+        raise ValueError(f"{folder} holds a damaged result ({error!r}): delete it, and run it anew") from error
 
 
 def read_table(path: Path) -> list[dict[str, str]]:

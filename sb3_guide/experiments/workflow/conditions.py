@@ -1,19 +1,23 @@
 """Conditions and studies: which runs of stages 2 and 3 there are, as conditions.yml says."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any, NamedTuple
-
-import yaml
 
 from sb3_guide.experiments.stages.clone import AGENTS, UNTRAINED, override, shared_config
 from sb3_guide.experiments.stages.configs import load_config
 from sb3_guide.experiments.stages.levels import join_levels, split_levels
 from sb3_guide.experts import expert_folder
+from sb3_guide.files import check_types, read_yaml
 from sb3_guide.policies.interventions import intervention_of
 
 PACKAGED = Path(__file__).with_name("conditions.yml")
+EXPERTS = ("trained", "pretrained")
+NAME = re.compile(r"[A-Za-z0-9+-]+")  # of a condition: it becomes part of paths and of commands
+MAX_SEEDS = 1000
 
 
 @dataclass(frozen=True)
@@ -27,6 +31,7 @@ class Condition:
     :param hears: intervention that its messages pass through
     :param init: reference to the condition whose weights a Learner starts from
     :param params: hyper-parameters to override
+    :raises TypeError: if something is of another type
     :raises ValueError: if there is no such agent or intervention
     """
 
@@ -38,6 +43,7 @@ class Condition:
     params: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        check_types(self)
         if self.agent not in AGENTS:
             raise ValueError(f"agent {self.agent!r} is unknown: expected one of {', '.join(AGENTS)}")
         intervention_of(self.hears)
@@ -55,11 +61,17 @@ class Grid:
     :param conditions: names
     :param seeds: how many, from 0
     :param levels: names; None takes those that the caller names
+    :raises TypeError: if something is of another type
+    :raises ValueError: if there are too many seeds or none
     """
 
     conditions: list[str]
     seeds: int
     levels: list[str] | None = None
+
+    def __post_init__(self) -> None:
+        check_types(self)
+        check_seeds(self.seeds)
 
 
 @dataclass(frozen=True)
@@ -68,11 +80,17 @@ class Study:
     :param grids: whose runs it has
     :param expert: "trained" along, or the "pretrained" one that is shipped
     :param analyze: conditions whose agents are analysed
+    :raises TypeError: if something is of another type
     """
 
     grids: list[Grid]
     expert: str = "pretrained"
     analyze: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        check_types(self)
+        if self.expert not in EXPERTS:
+            raise ValueError(f"expert {self.expert!r} is unknown: expected one of {', '.join(EXPERTS)}")
 
 
 class Run(NamedTuple):
@@ -123,8 +141,8 @@ class Catalogue(NamedTuple):
         """
         if study not in self.studies:
             raise ValueError(f"study {study!r} is unknown: expected one of {', '.join(self.studies)}")
-        if seeds is not None and seeds < 1:
-            raise ValueError(f"The number of seeds is {seeds}: expected at least 1")
+        if seeds is not None:
+            check_seeds(seeds)
         chosen = [join_levels(split_levels(level)) for level in levels]
         grids = self.studies[study].grids
         own = {level for grid in grids for level in grid.levels or chosen}
@@ -141,7 +159,7 @@ class Catalogue(NamedTuple):
             for condition in grid.conditions
         ]
         needed = list(dict.fromkeys(each for run in runs for each in self._with_sources(run)))
-        for run in needed:
+        for run in dict.fromkeys(run._replace(seed=0) for run in needed):
             self._check(run, self.studies[study].expert)
         return needed
 
@@ -182,6 +200,12 @@ class Catalogue(NamedTuple):
         return options
 
 
+def check_seeds(seeds: int) -> None:
+    """:raises ValueError: if there are too many of them or none"""
+    if not 1 <= seeds <= MAX_SEEDS:
+        raise ValueError(f"The number of seeds is {seeds}: expected 1 to {MAX_SEEDS}")
+
+
 def load_catalogue(file: Path | None = None) -> Catalogue:
     """
     :param file: YAML of conditions and studies to add to the packaged ones; None adds nothing
@@ -192,11 +216,11 @@ def load_catalogue(file: Path | None = None) -> Catalogue:
     studies: dict[str, Study] = {}
     for path in (PACKAGED, *([] if file is None else [file])):
         try:
-            content = yaml.safe_load(path.read_text()) or {}
+            content = read_yaml(path) or {}
             conditions |= {name: Condition(**entry) for name, entry in content.get("conditions", {}).items()}
             for name, entry in content.get("studies", {}).items():
                 studies[name] = Study(**{**entry, "grids": [Grid(**grid) for grid in entry["grids"]]})
-        except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError) as error:
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise ValueError(f"{path} holds no usable conditions and studies: {error}") from error
     used = [
         *(reference for condition in conditions.values() for reference in condition.references()),
@@ -205,4 +229,20 @@ def load_catalogue(file: Path | None = None) -> Catalogue:
     for name in used:
         if name.partition("@")[0] not in conditions:
             raise ValueError(f"condition {name!r} is unknown: expected one of {', '.join(conditions)}")
+    check_order(conditions)
     return Catalogue(conditions, studies)
+
+
+def check_order(conditions: dict[str, Condition]) -> None:
+    """
+    :param conditions: by name
+    :raises ValueError: if a name can't be part of a path, or conditions wait for each other
+    """
+    for name in conditions:
+        if not NAME.fullmatch(name):
+            raise ValueError(f"condition {name!r}: expected a name of letters, digits, + and -")
+    needed = {name: [each.partition("@")[0] for each in condition.references()] for name, condition in conditions.items()}
+    try:
+        TopologicalSorter(needed).prepare()
+    except CycleError as error:
+        raise ValueError(f"conditions wait for each other: {' needs '.join(error.args[1])}") from error

@@ -1,14 +1,17 @@
 """One call that works in a folder: alone, going on where a killed one stopped, and leaving nothing running."""
 
 import os
+import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Thread
+from types import FrameType
 from typing import Any
 
 import psutil
@@ -20,6 +23,7 @@ from sb3_guide.files import read_json, write_json
 SNAKEFILE = Path(__file__).with_name("Snakefile")
 RUN_VARIABLE = "SB3_GUIDE_RUN"  # in the environment of every process of a run: the run's folder
 POLL_SECONDS = 0.5
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # Ctrl-C; kill; a terminal that is closed
 
 
 @contextmanager
@@ -42,12 +46,40 @@ def locked(folder: Path) -> Iterator[None]:
         raise RuntimeError(f"{folder} is in use by another reproduce: wait for it, or choose another folder") from None
     except OSError as error:
         raise RuntimeError(f"{folder} can't be used ({error}): choose another folder") from error
+    with interruptible():
+        try:
+            end_leftovers(folder)
+            yield
+        finally:
+            end_leftovers(folder)
+            lock.release()
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """
+    Let the first signal that asks for the end raise KeyboardInterrupt or SystemExit, so that all is left in order, which
+    further signals don't disturb. Signals that are ignored already, as SIGHUP under nohup, stay so. Only the main thread of
+    a process can be told of signals: in another one this does nothing.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    heeded = [number for number in SIGNALS if before[number] != signal.SIG_IGN]
+
+    def end(number: int, frame: FrameType | None) -> None:
+        for each in heeded:
+            signal.signal(each, signal.SIG_IGN)
+        raise KeyboardInterrupt if number == signal.SIGINT else SystemExit(128 + number)
+
+    for number in heeded:
+        signal.signal(number, end)
     try:
-        end_leftovers(folder)
         yield
     finally:
-        end_leftovers(folder)
-        lock.release()
+        for number in heeded:
+            signal.signal(number, before[number])
 
 
 def end_abandoned(owner: Path) -> bool:
@@ -65,6 +97,8 @@ def end_abandoned(owner: Path) -> bool:
         holder.kill()
     except (FileNotFoundError, psutil.NoSuchProcess):
         pass  # it is about to begin or to end
+    except (LookupError, TypeError, ValueError):
+        return False  # the file is damaged: nobody knows whose process it is
     return True
 
 
@@ -112,12 +146,13 @@ def run_workflow(config: dict[str, Any], cores: int, folder: Path) -> float:
     process = subprocess.Popen(
         command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     )
-    with closing(Display(folder, cores)) as display, log.open("w", buffering=1) as file:
+    with ended(process), closing(Display(folder, cores)) as display, log.open("w", buffering=1) as file:
         for line in lines_of(process):
             stopwatch.save()
             file.write(line)
             display.show(line)
-    if process.wait():
+        process.wait()  # here, for whoever is still there when the block ends is killed
+    if process.returncode:
         reason = " ".join(last_lines(log)[-3:])
         if display.failed:
             reason = f"failed: {', '.join(display.failed)}"
@@ -125,6 +160,26 @@ def run_workflow(config: dict[str, Any], cores: int, folder: Path) -> float:
             reason = f"Snakemake was killed by signal {-process.returncode}"
         raise RuntimeError(f"The workflow stopped ({reason}), see {log}. The same command goes on from where it stopped")
     return stopwatch.save()
+
+
+@contextmanager
+def ended(process: "subprocess.Popen[str]") -> Iterator[None]:
+    """
+    Kill a process, and all that it has started, if it has not ended when the block ends. Each is stopped before it is asked
+    for its children, so that none is missed: not even one that is about to begin and has no environment yet.
+    """
+    try:
+        yield
+    finally:
+        tree = [] if process.poll() is not None else [psutil.Process(process.pid)]
+        for each in tree:
+            with suppress(psutil.NoSuchProcess):
+                each.suspend()
+                tree += each.children()
+        for each in tree:
+            with suppress(psutil.NoSuchProcess):
+                each.kill()
+        psutil.wait_procs(tree, timeout=10)
 
 
 def lines_of(process: "subprocess.Popen[str]") -> Iterator[str]:
@@ -160,7 +215,7 @@ class Stopwatch:
     def __init__(self, path: Path) -> None:
         path.parent.mkdir(exist_ok=True)
         self.path = path
-        self.before = float(read_json(path)) if path.exists() else 0.0
+        self.before = read_json(path, float) if path.exists() else 0.0
         self.start = time.monotonic()
 
     def save(self) -> float:

@@ -1,4 +1,5 @@
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -6,6 +7,7 @@ import numpy as np
 import pytest
 
 from sb3_guide.experiments.report.summary import early_lead, over_seeds, summarise, trend
+from sb3_guide.experiments.report.tables import write_tables
 
 
 @pytest.fixture(scope="module")
@@ -23,6 +25,16 @@ def test_one_level_is_the_summary_itself(block: dict[str, Any]) -> None:
     assert block["wall_seconds"] == 100.0
     assert block["demos"] == {"episodes": 1000, "frames": 5000, "mean_length": 5.0}
     assert 0.9 < block["expert"]["success_rate"] <= 1
+
+
+@pytest.mark.parametrize("content", ["{}", "[]", '{"success_rate": 1', '{"success_rate": null, "episodes": "many"}'])
+def test_a_damaged_result_is_named(content: str, finished_run: Path, tmp_path: Path) -> None:
+    shutil.copytree(finished_run, tmp_path / "run")
+    (tmp_path / "run" / "GoToObj" / "seed0" / "guide" / "evaluation.json").write_text(content)
+    with pytest.raises(ValueError, match="run holds a damaged result"):
+        summarise(tmp_path / "run", ["GoToObj"], seeds=2, wall_seconds=100.0)
+    with pytest.raises(ValueError, match="run holds a damaged result"):
+        write_tables(tmp_path / "run", tmp_path)
 
 
 def test_several_levels_have_a_block_each(finished_run: Path, block: dict[str, Any]) -> None:

@@ -127,7 +127,7 @@ MUTE = str(expert_folder("GoToLocal"))
         (["analyze", LOCAL, "--guide", MUTE], "sends no messages: expected a GuidePolicy or a GuidedLearnerPolicy"),
         (["analyze", LOCAL, "--demos", "none"], "none does not exist: expected demonstrations"),
         (["analyze", LOCAL, "--demos", "other.safetensors"], "holds demonstrations of GoToObj: expected GoToLocal"),
-        (["analyze", LOCAL, "--demos", "empty.safetensors"], "0 episodes, 0 of them failed: expected at least one"),
+        (["analyze", LOCAL, "--demos", "empty.safetensors"], "empty.safetensors holds no usable demonstrations"),
     ],
 )
 def test_bad_input_ends_with_one_line(arguments, message, files, tmp_path, monkeypatch):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -12,10 +13,11 @@ from pathlib import Path
 import pytest
 import torch as th
 import yaml
+from filelock import FileLock
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from sb3_guide.cloning import load_demonstrations, save_demonstrations
-from sb3_guide.experiments.stages import record
+from sb3_guide.experiments.stages import record, runs
 from sb3_guide.experiments.stages.analyze import analyze
 from sb3_guide.experiments.stages.clone import clone
 from sb3_guide.experiments.stages.evaluate import evaluate
@@ -31,6 +33,7 @@ from sb3_guide.policies import (
     load_agent,
     save_agent,
 )
+from sb3_guide.policies.folder import read_agent
 from sb3_guide.policies.interventions import Silent
 from tests.policies.helpers import make_policy
 
@@ -103,6 +106,22 @@ def test_an_expert_is_written_with_all_that_it_depends_on(tmp_path):
     rows = read_table(tmp_path / "expert" / "progress.csv")
     assert [int(row["time/total_timesteps"]) for row in rows] == [64 * (n + 1) for n in range(25)]
     assert 0 <= float(rows[-1]["rollout/success_rate"]) <= 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"n_steps": 2**18}, "a rollout would hold 229638144 values: expected at most 134217728"),
+        ({"env_kwargs": {"history": 10**6}}, "history=1000000 in 4 worlds: expected 0 to"),
+        ({"policy_kwargs": {"hat": 1}}, "can't be used .TypeError: .*'hat'"),
+        ({"callback": 3}, "can't be used .TypeError"),
+        ({"callback": [{}]}, "callback None is unknown"),
+    ],
+)
+def test_hyper_parameters_that_cannot_be_used(changes, message, tmp_path):
+    config = write_config(tmp_path / "ppo.yml", PPO | changes)
+    with pytest.raises(ValueError, match=message):
+        train_expert(KEY, tmp_path / "expert", seed=1, threads=1, resume=False, config_file=config)
 
 
 def test_the_same_seed_gives_the_same_expert_on_two_threads(tmp_path):
@@ -212,8 +231,8 @@ def test_stage_two_and_three(demos, tmp_path):
     assert (tmp_path / "analysis" / "episode.gif").read_bytes().startswith(b"GIF89a")
     for name in ("actions.png", "situations.png", "cells.png", "change.png"):
         assert (tmp_path / "analysis" / name).read_bytes().startswith(b"\x89PNG")
-    kept = json.loads((tmp_path / "guided" / "highest_cic" / "agent.json").read_text())
-    assert kept == json.loads((tmp_path / "guided" / "agent.json").read_text())
+    kept, last = (read_agent(tmp_path / "guided" / folder)[0] for folder in ("highest_cic", ""))
+    assert kept == last
 
 
 def test_controls(demos, tmp_path):
@@ -264,6 +283,45 @@ def test_a_run_whose_settings_have_changed_runs_anew_and_says_so(demos, tmp_path
     clone("learner", out=tmp_path / "out", seed=1, **shared)
     assert "(seed), which is deleted" in capsys.readouterr().err
     assert equal(tmp_path / "out", tmp_path / "other")
+
+
+def test_a_full_disk_ends_a_stage_which_goes_on_when_there_is_room(tmp_path):
+    config = write_config(tmp_path / "ppo.yml", PPO)
+    train_expert(KEY, tmp_path / "whole", seed=1, threads=1, resume=True, config_file=config)
+    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, usual[1]))  # a checkpoint is larger
+    try:
+        with pytest.raises(OSError, match="File too large"):
+            train_expert(KEY, tmp_path / "full", seed=1, threads=1, resume=True, config_file=config)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+    assert not list((tmp_path / "full").rglob("*.pt")) + list((tmp_path / "full").rglob("*.partial"))
+    train_expert(KEY, tmp_path / "full", seed=1, threads=1, resume=True, config_file=config)
+    assert equal(tmp_path / "whole", tmp_path / "full")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stage_that_is_asked_to_end_says_no_more_than_a_line(number, tmp_path):
+    config = write_config(tmp_path / "ppo.yml", PPO | {"n_timesteps": 10**9})
+    program = [sys.executable, "-m", "sb3_guide.experiments.cli", "expert", "--level", "GoToObj", "--config", str(config)]
+    process = subprocess.Popen([*program, "--out", tmp_path / "out"], stderr=subprocess.PIPE, text=True)
+    while not (tmp_path / "out" / "progress.csv").exists():
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.send_signal(number)
+    said = process.communicate(timeout=100)[1]
+    assert process.returncode in (-number, 1, 128 + number)
+    assert "Traceback" not in said
+
+
+def test_two_runs_in_one_folder(demos, tmp_path, monkeypatch):
+    monkeypatch.setattr(runs, "PATIENCE", 0.1)
+    config = write_config(tmp_path / "ppo.yml", PPO)
+    busy = pytest.raises(RuntimeError, match="is in use by another call: wait for it, or choose another --out")
+    with FileLock(tmp_path / "lock"), busy:
+        train_expert(KEY, tmp_path, seed=1, threads=1, resume=True, config_file=config)
+    with FileLock(tmp_path / "demos.lock"), busy:
+        record_demonstrations("GoToObj", demos / "expert", "train", 10, tmp_path / "demos", threads=1)
 
 
 def test_a_run_knows_when_its_guide_has_changed(demos, tmp_path, capsys):
@@ -340,6 +398,11 @@ def test_a_callback_that_is_not_ours(tmp_path):
         (
             {"agent": "learner", "params": ["epochs:1"]},
             "--params epochs are unknown: expected NAME:VALUE of analysis_episodes",
+        ),
+        ({"agent": "learner", "params": ["n_epochs:["]}, r"--params n_epochs:\[: expected values in YAML"),
+        (
+            {"agent": "learner", "params": ["batch_size:1000000000"]},
+            "batch_size=1000000000: expected a whole number from 1 to",
         ),
         ({"agent": "learner", "params": ["train_episodes:11"]}, "train_episodes=11: expected 1 to 10"),
         ({"agent": "learner", "level": "GoToMars"}, "GoToMars"),

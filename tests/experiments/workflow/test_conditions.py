@@ -72,6 +72,18 @@ def test_a_study_of_ones_own(tmp_path: Path) -> None:
         ({"conditions": {"x": {"agent": "learner", "pupil": 1}}}, "unexpected keyword argument 'pupil'"),
         ({"studies": {"x": {"grids": [{"conditions": ["tour"], "seeds": 1}]}}}, "condition 'tour' is unknown"),
         ({"studies": {"x": {}}}, "no usable conditions and studies: 'grids'"),
+        ({"studies": {"x": {"grids": [{"conditions": ["learner"], "seeds": 10**9}]}}}, "expected 1 to 1000"),
+        (
+            {"studies": {"x": {"grids": [{"conditions": "learner", "seeds": 1}]}}},
+            r"conditions is 'learner': expected list\[str",
+        ),
+        ({"studies": {"x": {"grids": [], "expert": "wise"}}}, "expert 'wise' is unknown: expected one of trained"),
+        ({"conditions": {"x": {"agent": ["guide"]}}}, r"agent is \['guide'\]: expected str"),
+        ({"conditions": {"../x; rm -r": {"agent": "guide"}}}, "expected a name of letters, digits"),
+        (
+            {"conditions": {n: {"agent": "guide", "guide": of} for n, of in (("x", "y"), ("y", "x"))}},
+            "wait for each other: [xy] needs [xy]",
+        ),
     ],
 )
 def test_what_is_no_condition(content: dict[str, object], message: str, tmp_path: Path) -> None:
@@ -83,7 +95,7 @@ def test_what_is_no_condition(content: dict[str, object], message: str, tmp_path
     ("study", "levels", "seeds", "message"),
     [
         ("extra", [], None, "study 'extra' is unknown: expected one of stages, intra"),
-        ("intra", [], 0, "The number of seeds is 0: expected at least 1"),
+        ("intra", [], 0, "The number of seeds is 0: expected 1 to 1000"),
         ("multilevel", ["GoToObj"], None, "study 'multilevel' has no GoToObj: expected GoToLocal, PickupLoc, PutNextLocal"),
         ("stages", ["BossLevel"], None, "no entry GuideGrid-BossLevel-v0"),
         ("stages", ["GoToMars"], None, "GoToMars"),
