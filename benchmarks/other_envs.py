@@ -25,7 +25,6 @@ from sb3_guide.experiments.stages.analyze import analyze
 from sb3_guide.experiments.stages.clone import clone
 from sb3_guide.experiments.stages.expert import train_expert
 from sb3_guide.experiments.stages.record import record_demonstrations
-from sb3_guide.experiments.stages.runs import read_table
 from sb3_guide.experiments.stages.speak import speak_to
 from sb3_guide.files import read_json, write_json, write_text
 
@@ -131,23 +130,17 @@ def summary(seeds: int, out: Path) -> dict[str, Any]:
     """
     :param seeds: of stages 2 and 3
     :param out: folder that :func:`stages` filled
-    :return: the numbers that are worth telling, lists over seeds
+    :return: the numbers that are worth telling, lists over the seeds that have got so far
     """
 
     def of(agent: str, file: str, *keys: str) -> list[Any]:
-        found = [read_json(out / f"{agent}{seed}" / file) for seed in range(seeds)]
+        paths = [out / f"{agent}{seed}" / file for seed in range(seeds)]
+        found = [read_json(path) for path in paths if path.exists()]
         for key in keys:
             found = [content[key] for content in found]
         return found
 
     recorded = read_json(out / "demos" / "train.json")
-    curves = {
-        agent: [
-            [float(row["success_rate"]) for row in read_table(out / f"{agent}{seed}" / "progress.csv")]
-            for seed in range(seeds)
-        ]
-        for agent in ("learner", "guide", "guided")
-    }
     return {
         "expert": {
             "frames": read_json(out / "expert" / "run.json")["frames"],
@@ -155,9 +148,7 @@ def summary(seeds: int, out: Path) -> dict[str, Any]:
             "success_rate": recorded["expert_success_rate"],
             "mean_length": recorded["mean_length"],
         },
-        "success_rate": {agent: of(agent, "evaluation.json", "success_rate") for agent in curves},
-        "epochs": [float(row["epoch"]) for row in read_table(out / "learner0" / "progress.csv")],
-        "curves": curves,
+        "success_rate": {agent: of(agent, "evaluation.json", "success_rate") for agent in ("learner", "guide", "guided")},
         "communication": {
             agent: {
                 name: of(agent, "analysis/analysis.json", "in_play", name, "mean")
@@ -184,7 +175,7 @@ def page(found: dict[str, Any]) -> str:
         return ", ".join(f"{value:.0%}" for value in values)
 
     def nats(measures: dict[str, list[float]]) -> str:
-        return " / ".join(", ".join(f"{value:.2f}" for value in values) for values in measures.values())
+        return " / ".join(", ".join(f"{value:.2f}" for value in values) for values in measures.values() if values)
 
     def words(dictionaries: list[list[dict[str, Any]]]) -> str:
         meant = [
@@ -210,12 +201,12 @@ def page(found: dict[str, Any]) -> str:
         "words of the Guide": lambda env: words(env["dictionary"]),
     }
     lines = ["| | " + " | ".join(found) + " |", "|---" * (len(found) + 1) + "|"]
-    lines += [f"| {label} | " + " | ".join(tell(env) for env in found.values()) + " |" for label, tell in rows.items()]
+    lines += [f"| {label} | " + " | ".join(tell(env) or "-" for env in found.values()) + " |" for label, tell in rows.items()]
     return f"""# Environments that are not ours
 
 Made by `python -m benchmarks.other_envs`, with the settings of benchmarks/other_envs_ppo.yml and benchmarks/other_envs_bc.yml.
 Success is measured on 100 missions of the analysis split, communication and ablations on 50 of them. Where there are several
-numbers, each is of one seed of stages 2 and 3. CIC and entropies are in nats.
+numbers, each is of one seed of stages 2 and 3; a dash is a run that was not finished. CIC and entropies are in nats.
 
 {chr(10).join(lines)}
 """
