@@ -42,11 +42,11 @@ from sb3_guide.policies import (
 )
 
 STOCK, FRAMES = "stock imitation", 2048  # in a batch of transitions
-AGENTS: dict[str, tuple[type[AgentPolicy], dict[str, Any]]] = {
-    STOCK: (LearnerPolicy, {}),
-    "learner": (RecurrentLearnerPolicy, {}),
-    "guide": (RecurrentGuidePolicy, {}),
-    "guided": (RecurrentGuidedLearnerPolicy, {"guide": PretrainedGuide.untrained()}),
+AGENTS: dict[str, type[AgentPolicy]] = {
+    STOCK: LearnerPolicy,
+    "learner": RecurrentLearnerPolicy,
+    "guide": RecurrentGuidePolicy,
+    "guided": RecurrentGuidedLearnerPolicy,
 }
 SETTINGS: dict[str, Any] = {"custom_logger": HierarchicalLogger(Logger(folder=None, output_formats=[]))}
 
@@ -69,11 +69,11 @@ def transitions(demonstrations: Demonstrations) -> list[dict[str, Any]]:
     ]
 
 
-def trainer(agent: str, demonstrations: Demonstrations, batch_size: int) -> tuple[Callable[[], None], int]:
+def trainer(agent: str, size: str, demonstrations: Demonstrations, batch_size: int) -> tuple[Callable[[], None], int]:
     """:return: what trains an epoch, and how many frames that has"""
-    kind, kwargs = AGENTS[agent]
+    kwargs = {"guide": PretrainedGuide.untrained(size=size)} if agent == "guided" else {}
     space = observation_space(DEFAULT_HISTORY if agent == STOCK else 0)
-    policy = kind(space, spaces.Discrete(len(ACTIONS)), lambda _: 1e-3, ortho_init=False, **kwargs)
+    policy = AGENTS[agent](space, spaces.Discrete(len(ACTIONS)), lambda _: 1e-3, ortho_init=False, size=size, **kwargs)
     if agent == STOCK:
         batches = transitions(demonstrations)
         algorithm = bc.BC(
@@ -103,10 +103,10 @@ def gigaflops() -> float:
     return 2 * 1024**3 / min(times) / 1e9
 
 
-def measure(agent: str, demos: Path, batch_size: int, out: Path) -> None:
+def measure(agent: str, size: str, demos: Path, batch_size: int, out: Path) -> None:
     """Measure one agent in this process."""
     use_threads(1)
-    epoch, frames = trainer(agent, load_demonstrations(demos), batch_size)
+    epoch, frames = trainer(agent, size, load_demonstrations(demos), batch_size)
     epoch()
     start = time.perf_counter()
     epoch()
@@ -122,16 +122,17 @@ def main(
     demos: Annotated[Path, typer.Option(help="File of demonstrations.")],
     out: Annotated[Path, typer.Option(help="JSON file for the result.")],
     batch_size: Annotated[int, typer.Option(help="Episodes in a batch.")] = 32,
+    size: Annotated[str, typer.Option(help="Of the agents.")] = "compact",
     agent: Annotated[str, typer.Option(help="Measure this one only, in this process.")] = "",
 ) -> None:
     """Measure every agent and print the table."""
     if agent:
-        measure(agent, demos, batch_size, out)
+        measure(agent, size, demos, batch_size, out)
         return
     rows = []
     print("| agent | frames/s | times stock imitation | peak memory, MB | matmul, GFLOP/s |\n|---|---|---|---|---|")
     for name in AGENTS:
-        options = ["--demos", str(demos), "--out", str(out), "--batch-size", str(batch_size), "--agent", name]
+        options = ["--demos", str(demos), "--out", str(out), "--batch-size", str(batch_size), "--size", size, "--agent", name]
         subprocess.run([sys.executable, "-m", "benchmarks.bc_speed", *options], check=True)
         row = read_json(out)
         rows.append({**row, "ratio": round(row["frames_per_second"] / (rows or [row])[0]["frames_per_second"], 2)})
@@ -139,7 +140,7 @@ def main(
             f"| {name} | {row['frames_per_second']:,} | {rows[-1]['ratio']:.2f} | {row['peak_mb']:,} | {row['gflops']} |",
             flush=True,
         )
-    write_json(out, {"demos": str(demos), "batch_size": batch_size, "agents": rows, "versions": versions()})
+    write_json(out, {"demos": str(demos), "batch_size": batch_size, "size": size, "agents": rows, "versions": versions()})
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from itertools import groupby, zip_longest
 
-from sb3_guide.envs import level_of
+from sb3_guide.envs import is_level, level_of
 from sb3_guide.language import CHOREOGRAPHIES, danced, steps_of
 from sb3_guide.playground.cast import Cast
 from sb3_guide.playground.episode import Beginning, Episode
@@ -175,7 +175,10 @@ class Session:
         seed = query.get("seed", "0")
         if not re.fullmatch(r"\d{1,16}", seed):
             raise ValueError(f"world {seed[:20]!r}: expected a number, such as 7")
-        beginning = Beginning(level_of(query.get("level", cast.level(names[0]))).name, int(seed), query.get("mission", ""))
+        level = query.get("level", cast.level(names[0]))
+        if not is_level(level):
+            raise ValueError(f"unknown level {level[:40]!r}: expected one that the page offers, such as GoToLocal")
+        beginning = Beginning(level_of(level).name, int(seed), query.get("mission", ""))
         session = cls(cast, names, beginning)
         told, plans, kept = (
             [messages(query.get(name + number, "")) for number in NUMBERS[: len(names)]] for name in ("told", "plan", "keep")

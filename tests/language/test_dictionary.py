@@ -54,16 +54,16 @@ def test_a_dictionary_is_kept(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text",
+    ("text", "problem"),
     [
-        "{",
-        "[]",
-        '{"shape": {"length": 2}}',
-        '{"shape": {"length": 1, "vocabulary_size": 2}, "actions": ["left"], "followed": {"w0": {"jump": 1}}}',
-        '{"shape": {"length": 1, "vocabulary_size": 2}, "actions": ["left"], "followed": {"w2": {"left": 1}}}',
+        ("{", "is no"),
+        ("[]", "holds a list: expected a dict"),
+        ('{"shape": {"length": 2}}', "is no"),
+        ('{"shape": {"length": 1, "vocabulary_size": 2}, "actions": ["left"], "followed": {"w0": {"jump": 1}}}', "is no"),
+        ('{"shape": {"length": 1, "vocabulary_size": 2}, "actions": ["left"], "followed": {"w2": {"left": 1}}}', "is no"),
     ],
 )
-def test_a_damaged_dictionary_is_refused(text, tmp_path):
+def test_a_damaged_dictionary_is_refused(text, problem, tmp_path):
     (tmp_path / "dictionary.json").write_text(text)
-    with pytest.raises(ValueError, match=r"dictionary\.json (is no|holds a list)"):
+    with pytest.raises(ValueError, match=rf"dictionary\.json {problem}"):
         read_dictionary(tmp_path / "dictionary.json")

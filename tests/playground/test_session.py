@@ -200,7 +200,7 @@ LINK = {"agent": GUIDED, "level": "GoToLocal", "seed": "3"}
     ],
 )
 def test_links_that_are_none(cast, change, message):
-    with pytest.raises(ValueError, match=r"(?s)^.{0,600}$") as caught:
+    with pytest.raises(ValueError, match=r"(?s)^.{0,400}$") as caught:
         Session.restored(cast, {**LINK, **change})
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)

@@ -18,6 +18,7 @@ from sb3_guide.experiments.stages.levels import level_of_agent
 from sb3_guide.experiments.stages.speak import speak_to, text_of
 from sb3_guide.experiments.stages.statistics import paired_successes
 from sb3_guide.experts import expert_folder, load_expert
+from sb3_guide.files import checksum
 from sb3_guide.language import Dictionary
 from sb3_guide.policies.channel import MessageShape
 from sb3_guide.policies.folder import read_agent, write_agent
@@ -101,9 +102,8 @@ def files(tmp_path_factory):
     episodes = play(load_expert("GoToObj").policy, "GoToObj", mission_seeds("analysis", 4))
     save_demonstrations(Demonstrations(episodes, "GoToObj", {}), folder / "other.safetensors")
     nothing = {name: array[:0] for name, array in episodes.arrays().items()} | {"offsets": episodes.offsets[:1]}
-    save_file(
-        nothing, folder / "empty.safetensors", {"format": FORMAT, "level": "GoToLocal", "provenance": "{}", "sha256": ""}
-    )
+    header = {"format": FORMAT, "level": "GoToLocal", "provenance": "{}"}
+    save_file(nothing, folder / "empty.safetensors", {**header, "sha256": checksum(nothing, header)})
     (folder / "dance.txt").write_text("forward\nrigth")
     return folder
 
@@ -127,7 +127,7 @@ MUTE = str(expert_folder("GoToLocal"))
         (["analyze", LOCAL, "--guide", MUTE], "sends no messages: expected a GuidePolicy or a GuidedLearnerPolicy"),
         (["analyze", LOCAL, "--demos", "none"], "none does not exist: expected demonstrations"),
         (["analyze", LOCAL, "--demos", "other.safetensors"], "holds demonstrations of GoToObj: expected GoToLocal"),
-        (["analyze", LOCAL, "--demos", "empty.safetensors"], "empty.safetensors holds no usable demonstrations"),
+        (["analyze", LOCAL, "--demos", "empty.safetensors"], "0 episodes, 0 of them failed: expected at least one"),
     ],
 )
 def test_bad_input_ends_with_one_line(arguments, message, files, tmp_path, monkeypatch):
