@@ -264,15 +264,16 @@ def main(
     out: Annotated[Path, typer.Option(help="Folder of the tables.")],
     levels: Annotated[list[str], typer.Option(help="Where to train.")] = ["GoToLocal"],  # noqa: B006
     seeds: Annotated[int, typer.Option(help="How many, from 0 on.")] = 5,
+    conditions: Annotated[list[str], typer.Option(help="Of what kind.")] = [*CONDITIONS],  # noqa: B006
 ) -> None:
-    """Run what is missing, one seed of all conditions after the other, and write the page."""
+    """Run what is missing, one seed of all these conditions after the other, and write the page."""
     use_threads(1)
     model_of(EASIER, CONDITIONS["learner"], 0).learn(1)  # compiles the engine, once on a machine, which counts for no run
     out.mkdir(parents=True, exist_ok=True)
     finals = out / "finals.csv"
     for level in levels:
         for seed in range(seeds):
-            for name in CONDITIONS:
+            for name in conditions:
                 done = finals.is_file() and (level, name, str(seed)) in map(key_of, read_table(finals))
                 if not done and not (level == EASIER and "easier" in name):
                     curve, end = run(level, name, seed)
