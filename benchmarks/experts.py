@@ -42,9 +42,9 @@ CARD = """# Expert for {level}
 | versions | {versions} |
 
 Trained on missions whose seeds are below 1,000,000,000; evaluated on those from {first_seed:,} on
-(`python -m benchmarks.experts --levels {level}`). `runs.json` has the settings of each command, also where the file that it names
-is no more. The weights (`network.safetensors`, `agent.json`) hold no code. Trained for this level only: elsewhere it is a start for
-further training, no more.
+(`python -m benchmarks.experts --levels {level}`). `runs.json` has the settings of each command, also where the file that
+it names is no more. The weights (`network.safetensors`, `agent.json`) hold no code. Trained for this level only: elsewhere
+it is a start for further training, no more.
 """
 
 MEMORY = {

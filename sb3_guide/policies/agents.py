@@ -6,11 +6,13 @@ from pathlib import Path
 from typing import Any
 
 from gymnasium import spaces
+from stable_baselines3.common.distributions import Distribution
 from stable_baselines3.common.type_aliases import Schedule
 
 from sb3_guide.policies.base import AgentPolicy
-from sb3_guide.policies.interventions import intervention_of
-from sb3_guide.policies.networks import Guide, GuidedLearner, Learner
+from sb3_guide.policies.channel import MAX_MESSAGES
+from sb3_guide.policies.interventions import Intervention, intervention_of
+from sb3_guide.policies.networks import Guide, GuidedLearner, Latent, Learner
 from sb3_guide.policies.pretrained import PretrainedGuide
 
 
@@ -110,6 +112,22 @@ class GuideAgent(SpeakingAgent):
         )
         if pretrained is not None:
             self._adopt(pretrained, freeze_guide)
+
+    def exploring_distribution(self, latent: Latent) -> Distribution:
+        """
+        Messages are drawn as well as actions: P(a) is the sum over all messages of P(m) P(a | m), exactly, so that nothing has
+        to go through the straight-through gradient, which dies where messages are certain. Where messages are too many to
+        enumerate, or don't arrive as they were spoken, they are the most probable ones.
+
+        :param latent: of K frames
+        :return: distribution of K actions
+        """
+        encoder = self.channel.encoder
+        if encoder.shape.count > MAX_MESSAGES or self.channel.intervention != Intervention():
+            return self.action_distribution(latent)
+        spoken = self.channel.message_log_probs(latent.vf).unsqueeze(2)  # (K, M, 1); the critic reads the memory
+        heard = self.action_net(self.mlp_extractor.policy_net(encoder.all())).log_softmax(dim=-1)  # (M, A)
+        return self.action_dist.proba_distribution(action_logits=(spoken + heard).logsumexp(dim=1))  # type: ignore[arg-type,call-arg]
 
 
 class GuidedLearnerAgent(SpeakingAgent):

@@ -128,6 +128,15 @@ class AgentPolicy(ActorCriticPolicy):
         """
         return self._get_action_dist_from_latent(self.mlp_extractor.forward_actor(latent))  # type: ignore[arg-type]
 
+    def exploring_distribution(self, latent: Latent) -> Distribution:
+        """
+        What reinforcement learning draws actions from while it trains.
+
+        :param latent: of K frames
+        :return: distribution of K actions
+        """
+        return self.action_distribution(latent)
+
     def memory(self, obs: Observations, state: State | None = None) -> th.Tensor:
         """
         :param obs: of B worlds

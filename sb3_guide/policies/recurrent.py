@@ -82,7 +82,7 @@ class CarriedMemory(AgentPolicy, RecurrentActorCriticPolicy):
         self, obs: Observations, lstm_states: RNNStates, episode_starts: th.Tensor, deterministic: bool = False
     ) -> tuple[th.Tensor, th.Tensor, th.Tensor, RNNStates]:
         latent, state = self._step(obs, lstm_states.pi, episode_starts)
-        distribution = self.action_distribution(latent)
+        distribution = self.exploring_distribution(latent)
         actions = distribution.get_actions(deterministic=deterministic)
         values = self.value_net(self.mlp_extractor.forward_critic(latent))  # type: ignore[arg-type]
         return actions, values, distribution.log_prob(actions), RNNStates(state, state)
@@ -103,7 +103,7 @@ class CarriedMemory(AgentPolicy, RecurrentActorCriticPolicy):
         self, obs: Observations, actions: th.Tensor, lstm_states: RNNStates, episode_starts: th.Tensor
     ) -> tuple[th.Tensor, th.Tensor, th.Tensor | None]:
         latent = self._carry(obs, lstm_states.pi, episode_starts)
-        distribution = self.action_distribution(latent)
+        distribution = self.exploring_distribution(latent)
         values = self.value_net(self.mlp_extractor.forward_critic(latent))  # type: ignore[arg-type]
         return values, distribution.log_prob(actions), distribution.entropy()
 

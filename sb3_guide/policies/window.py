@@ -1,6 +1,7 @@
 """Policies with window memory: stateless, so that PPO, A2C and all else that knows no hidden state can use them."""
 
 import torch as th
+from stable_baselines3.common.distributions import Distribution
 
 from sb3_guide.policies.agents import GuideAgent, GuidedLearnerAgent, LearnerAgent
 from sb3_guide.policies.base import AgentPolicy
@@ -15,6 +16,25 @@ class WindowMemory(AgentPolicy):
 
     def memory(self, obs: Observations, state: State | None = None) -> th.Tensor:
         return self.network.recall(windows(obs))
+
+    def forward(  # type: ignore[override]
+        self, obs: Observations, deterministic: bool = False
+    ) -> tuple[th.Tensor, th.Tensor, th.Tensor]:
+        distribution, values = self._explore(obs)
+        actions = distribution.get_actions(deterministic=deterministic)
+        return actions, values, distribution.log_prob(actions)
+
+    def evaluate_actions(  # type: ignore[override]
+        self, obs: Observations, actions: th.Tensor
+    ) -> tuple[th.Tensor, th.Tensor, th.Tensor | None]:
+        distribution, values = self._explore(obs)
+        return values, distribution.log_prob(actions), distribution.entropy()
+
+    def _explore(self, obs: Observations) -> tuple[Distribution, th.Tensor]:
+        """:return: distribution of actions in training, and values"""
+        latent = self.extract_features(obs)  # type: ignore[arg-type]
+        values = self.value_net(self.mlp_extractor.forward_critic(latent))  # type: ignore[arg-type]
+        return self.exploring_distribution(latent), values  # type: ignore[arg-type]
 
 
 class LearnerPolicy(LearnerAgent, WindowMemory):

@@ -102,7 +102,8 @@ def test_padded_sequences_equal_single_steps(carried_class, tmp_path):
             obs = {"image": images[:worlds, step], "mission": mission[:worlds]}
             state = tuple(part[:, :worlds].contiguous() for part in state)
             value = policy.predict_values(obs, state, starts[:worlds, step])
-            distribution, state = policy.get_distribution(obs, state, starts[:worlds, step])
+            latent, state = policy._step(obs, state, starts[:worlds, step])
+            distribution = policy.exploring_distribution(latent)
             row = th.arange(worlds) * steps + step
             assert th.allclose(values[row], value, atol=1e-5)
             assert th.allclose(log_prob[row], distribution.log_prob(actions[row]), atol=1e-5)

@@ -37,8 +37,10 @@ ALGORITHMS = {
     "ppo_lstm": RecurrentPPO,
     "a2c": A2C,
     "ppo_guide": PPO,
+    "ppo_lstm_guide": RecurrentPPO,
 }
 PAPER = ("GoToObj", "GoToLocal", "GoToObjMaze", "PickupLoc", "PutNextLocal", "GoTo")
+LEVELS = {"ppo_lstm_guide": ("GoToLocal",)}  # of files that don't hold all of them
 
 
 def zoo(command: str, folder: Path, *arguments: str) -> str:
@@ -71,9 +73,9 @@ def test_the_zoo_tunes_it(config, tmp_path):
 
 
 @pytest.mark.parametrize("name", ALGORITHMS)
-def test_our_files_hold_the_papers_levels(name):
+def test_our_files_hold_the_levels_that_they_are_for(name):
     entries = yaml.safe_load((FOLDERS[1] / f"{name}.yml").read_text())
-    assert set(entries) >= {f"GuideGrid-{level}-v0" for level in PAPER}
+    assert set(entries) >= {f"GuideGrid-{level}-v0" for level in LEVELS.get(name, PAPER)}
     for key, entry in entries.items():
         ALGORITHMS[name](entry["policy"], key, _init_setup_model=True, **{**algorithm_arguments(entry), "n_steps": 8})
 
