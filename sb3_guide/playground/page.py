@@ -1,6 +1,5 @@
 """The page that is served: what a person does on it becomes a step of the session, and what the session holds is shown."""
 
-import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -192,7 +191,7 @@ class Page:
             if self.session.ended:
                 self.pause()
             self.freed.set_visibility(any(seat.told is not None for seat in self.session.seats))
-            ui.run_javascript(f"history.replaceState(null, '', {json.dumps(link_of(self.session))})")
+            ui.navigate.history.replace(link_of(self.session))
 
     async def agent_chosen(self) -> None:
         """Another agent plays where it was trained."""
