@@ -83,5 +83,5 @@ def test_a_channel_needs_symbols(length, vocabulary_size):
 
 
 def test_too_many_messages_are_not_enumerated():
-    with pytest.raises(ValueError, match=r"3\^6 = 729 messages are too many.*at most 256"):
-        MessageShape(6, 3).all()
+    with pytest.raises(ValueError, match=r"3\^7 = 2187 messages are too many.*at most 1024"):
+        MessageShape(7, 3).all()

@@ -1,5 +1,6 @@
 """Conditions and studies: which runs of stages 2 and 3 there are, as conditions.yml says."""
 
+import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -180,7 +181,7 @@ class Catalogue(NamedTuple):
 
     def params(self, run: Run) -> list[str]:
         """:return: hyper-parameters to override, as the command line takes them"""
-        return [f"{name}:{value}" for name, value in self.conditions[run.condition].params.items()]
+        return [f"{name}:{json.dumps(value)}" for name, value in self.conditions[run.condition].params.items()]
 
     def options(self, run: Run) -> list[str]:
         """:return: what the command line of `sb3-guide clone` says of a run, beyond level, seed and folders of its own"""
