@@ -61,12 +61,25 @@ def read_along(policy: AgentPolicy, level: str, episodes: Episodes) -> Reading:
     :raises ValueError: if the policy has no channel, or a continuous one
     """
     shape = policy.channel.encoder.shape
-    parts = memory_of(policy, episodes).split(shape.frames_at_once)
+    memory = memory_of(policy, episodes)
+    parts = memory.split(shape.frames_at_once)
     with th.no_grad():
-        spoken = th.cat([policy.channel.speak(part).argmax(dim=-1) for part in parts])
         messages = th.cat([policy.channel.message_log_probs(part) for part in parts])
         actions = th.cat([policy.listen(part) for part in parts])
-    return Reading(shape, episodes, shape.index(spoken).cpu().numpy(), messages.cpu(), actions.cpu(), action_names(level))
+    return Reading(shape, episodes, said(policy, memory), messages.cpu(), actions.cpu(), action_names(level))
+
+
+def said(policy: AgentPolicy, memory: th.Tensor) -> np.ndarray:
+    """
+    :param policy: with a channel
+    :param memory: (F, state_size) of the agent, see :func:`memory_of`
+    :return: (F,) int64 index of the most probable message at each frame
+    :raises ValueError: if the policy has no channel, or a continuous one
+    """
+    shape = policy.channel.encoder.shape
+    with th.no_grad():
+        spoken = [policy.channel.speak(part).argmax(dim=-1) for part in memory.split(shape.frames_at_once)]
+    return shape.index(th.cat(spoken)).cpu().numpy()
 
 
 def memory_of(policy: AgentPolicy, episodes: Episodes) -> th.Tensor:

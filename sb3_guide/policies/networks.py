@@ -159,8 +159,8 @@ class GuideNetwork(AgentNetwork):
     def intervention(self, intervention: Intervention) -> None:
         if self.encoder.shape.continuous and intervention.needs_symbols:
             raise ValueError(
-                f"{type(intervention).__name__} changes symbols, of which a continuous channel has none: expected "
-                'an agent with channel="discrete", or one of spoken, silent, delayed'
+                f"{type(intervention).__name__} needs symbols, of which a continuous channel has none: expected an agent with "
+                'channel="discrete", or one of spoken, silent, delayed'
             )
         self._intervention = intervention
 

@@ -67,7 +67,7 @@ class PretrainedGuide:
 
     @property
     def form(self) -> dict[str, Any]:
-        """What a network must have in common with the Guide's: "size" and the form of messages, as its constructor names them."""
+        """Size and form of messages, as the constructor of its network names them."""
         kwargs = {"channel": "discrete", **self.description.kwargs}  # earlier versions knew no other
         return {name: kwargs[name] for name in UNTRAINED}
 

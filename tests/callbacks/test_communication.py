@@ -92,3 +92,9 @@ def test_a_policy_that_is_not_ours():
 def test_numbers_must_be_positive(kwargs):
     with pytest.raises(ValueError, match=r"n_frames=.* and every_n_rollouts=.*: expected at least 1"):
         CICCallback(**kwargs)
+
+
+def test_a_channel_without_symbols():
+    model = PPO("GuidePolicy", LEVEL, n_steps=16, batch_size=16, policy_kwargs={"channel": "continuous"})
+    with pytest.raises(ValueError, match="continuous channel are not made of symbols"):
+        model.learn(16, callback=[CICCallback()])

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from sb3_guide.experiments.stages.clone import AGENTS, guide_kwargs
+from sb3_guide.experiments.stages.clone import AGENTS, guide_kwargs, override
+from sb3_guide.experiments.stages.configs import load_config
 from sb3_guide.experiments.workflow.conditions import Run, load_catalogue
 
 
@@ -43,6 +44,17 @@ def test_a_run_in_words_of_the_command_line() -> None:
     ]
 
 
+def test_hyper_parameters_in_words_of_the_command_line() -> None:
+    catalogue = load_catalogue()
+    run = Run("GoToLocal", 0, "guide-continuous-1x2")
+    assert catalogue.params(run) == [
+        *("n_epochs:12", "validate_every:2"),
+        'policy_kwargs:{"message_length": 1, "vocabulary_size": 2, "channel": "continuous"}',
+    ]
+    config = override(load_config("bc", "GoToLocal"), catalogue.params(run))
+    assert config["policy_kwargs"] == {"ortho_init": False, "message_length": 1, "vocabulary_size": 2, "channel": "continuous"}
+
+
 def test_levels_and_seeds_select() -> None:
     runs = load_catalogue().runs("curriculum", ["GuideGrid-PickupLoc-v0"], seeds=2)
     assert {run.level for run in runs if run.condition.startswith("guided")} == {"PickupLoc"}
@@ -78,6 +90,8 @@ def test_a_study_of_ones_own(tmp_path: Path) -> None:
             r"conditions is 'learner': expected list\[str",
         ),
         ({"studies": {"x": {"grids": [], "expert": "wise"}}}, "expert 'wise' is unknown: expected one of trained"),
+        ({"studies": {"x": {"grids": [], "page": "last"}}}, "page 'last' is unknown: expected one of guidance, channel"),
+        ({"studies": {"x": {"grids": [], "speak": ["tour"]}}}, "condition 'tour' is unknown: expected one of learner"),
         ({"conditions": {"x": {"agent": ["guide"]}}}, r"agent is \['guide'\]: expected str"),
         ({"conditions": {"../x; rm -r": {"agent": "guide"}}}, "expected a name of letters, digits"),
         (
