@@ -112,7 +112,7 @@ def overhear(policy: AgentPolicy, level: str, seeds: np.ndarray) -> Dictionary:
     :param policy: with a channel
     :param level: name or id of the level, or id of another environment
     :param seeds: (E,) of the missions
-    :raises ValueError: see :func:`~sb3_guide.language.reading.read`
+    :raises ValueError: if the policy has no channel, or a continuous one, there are no seeds, or the level is not the policy's
     """
     shape, actions = policy.channel.encoder.shape, action_names(level)
     assert shape.count  # raises where there are no symbols

@@ -47,7 +47,7 @@ def test_a_page_of_two_seeds(tmp_path: Path) -> None:
     write_study(tmp_path, seeds=2)
     write_page(tmp_path)
     text = (tmp_path / "README.md").read_text()
-    assert "Seeds that have been run: GoToLocal 2 to 2 of 5 channels." in text
+    assert "Run so far: GoToLocal, 5 channels with 2 seeds each." in text
     assert "| Learner alone | - | 2 | - | - | 0.125 ± 0.000 | - | 4,000 ± 0, 2 never | 0.495 ± 0.064 |" in text
     speed = "0.750 ± 0.000 | 0.625 ± 0.000 | 1,000 ± 0 | 0.995 ± 0.064"
     assert f"| 3 x 9 | 729 | 2 | 0.595 ± 0.064 | 4,000 ± 0, 2 never | {speed} |" in text
@@ -64,7 +64,9 @@ def test_a_page_of_two_seeds(tmp_path: Path) -> None:
 def test_one_seed_has_no_intervals(tmp_path: Path) -> None:
     write_study(tmp_path, seeds=1)
     write_page(tmp_path)
-    assert "±" not in (tmp_path / "README.md").read_text().split("## GoToLocal")[1]
+    text = (tmp_path / "README.md").read_text()
+    assert "5 channels with 1 seed each." in text
+    assert "±" not in text
 
 
 def test_short_messages_of_few_symbols_come_first_and_those_without_last(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Conditions and studies as data."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,8 @@ import yaml
 from sb3_guide.experiments.stages.clone import AGENTS, guide_kwargs, override
 from sb3_guide.experiments.stages.configs import load_config
 from sb3_guide.experiments.workflow.conditions import Run, load_catalogue
+
+PAGE = Path(__file__).parents[3] / "docs" / "conditions.md"
 
 
 def write(path: Path, **content: object) -> Path:
@@ -118,6 +121,13 @@ def test_what_is_no_condition(content: dict[str, object], message: str, tmp_path
 def test_wrong_questions(study: str, levels: list[str], seeds: int | None, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         load_catalogue().runs(study, levels, seeds)
+
+
+@pytest.mark.parametrize(("file", "study"), [("mine.yml", "mine"), ("forms.yml", "forms")])
+def test_the_examples_of_the_docs(file: str, study: str, tmp_path: Path) -> None:
+    (example,) = re.findall(rf"```yaml\n# {file}\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
+    (tmp_path / file).write_text(example)
+    assert load_catalogue(tmp_path / file).runs(study)
 
 
 def test_a_level_without_a_shipped_expert(tmp_path: Path) -> None:
