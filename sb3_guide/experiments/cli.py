@@ -237,15 +237,19 @@ def play(
     agents: Annotated[
         list[str] | None, typer.Argument(help="Folders of agents with a channel, besides those that are shipped.")
     ] = None,
-    level: Annotated[str | None, typer.Option(help="Name of the level to begin with, if not the agent's own.")] = None,
+    level: Annotated[
+        str | None, typer.Option(help="Name of the level to begin with, or PACKAGE:ID of these agents' own.")
+    ] = None,
     host: Annotated[str, typer.Option(help="Address to listen at: by default, of this machine alone.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port to listen at.")] = 8080,
     export: Annotated[Path | None, typer.Option(help="Write a page of episodes (.html), which needs no server.")] = None,
     episodes: Annotated[int, typer.Option(help="Of each agent on that page.")] = 3,
 ) -> None:
     """Watch agents in the browser, see what each message would do, and speak in the Guide's place."""
+    from sb3_guide.experiments.stages.levels import environment
     from sb3_guide.playground import play as playground
 
+    level = None if level is None else environment(level)
     folders = [folder_of(agent, level) for agent in agents or []]
     if export is None:
         playground.play(folders, level, host, port)

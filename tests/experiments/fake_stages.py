@@ -60,7 +60,7 @@ def everything(options: argparse.Namespace, out: Path) -> None:
 
 def call(stage: str, level: str, out: Path, **options: object) -> None:
     out.parent.mkdir(parents=True, exist_ok=True)
-    nothing = dict.fromkeys(("folder", "agent", "seed", "split", "episodes"))
+    nothing = dict.fromkeys(("folder", "agent", "guide", "seed", "split", "episodes"))
     STAGES[stage](argparse.Namespace(**{**nothing, "stage": stage, "level": level, **options}), out)
 
 
@@ -182,6 +182,7 @@ def analyze(options: argparse.Namespace, out: Path) -> None:
         {
             "level": options.level,
             "agent": options.folder,
+            "guide": options.guide,
             "messages": MESSAGES,
             "actions": ACTIONS,
             "counts": counts.tolist(),

@@ -94,6 +94,9 @@ def test_one_core_gives_the_same_summary_and_seeds_can_be_added(undisturbed: dic
     reproduce("stages", ["GoToObj"], seeds=2, cores=2, out=tmp_path)
     assert finished.stat().st_mtime_ns == before
     assert summary_of(tmp_path)["seeds"] == [0, 1]
+    analyses = {agent: tmp_path / "GoToObj" / "seed1" / "analysis" / agent / "analysis.json" for agent in ("guide", "guided")}
+    heard = {agent: json.loads(path.read_text())["guide"] for agent, path in analyses.items()}
+    assert heard == {"guide": None, "guided": "GoToObj/seed1/guide"}  # whose words' meanings are compared with the Guide's
 
 
 def test_a_run_that_is_killed_again_and_again_ends_with_the_same_summary(
