@@ -27,7 +27,7 @@ class LanguagePictures:
     """
 
     def __init__(self, policy: AgentPolicy, level: str, logger: Logger, n_episodes: int = 100) -> None:
-        assert policy.channel.encoder.shape.count  # raises where the agent has no channel, or no symbols
+        policy.channel.encoder.shape.check_enumerable()
         self.policy = policy
         self.level = level
         self.logger = logger

@@ -112,11 +112,11 @@ def overhear(policy: AgentPolicy, level: str, seeds: np.ndarray) -> Dictionary:
     :param policy: with a channel
     :param level: name or id of the level, or id of another environment
     :param seeds: (E,) of the missions
-    :raises ValueError: if the policy has no channel, or a continuous one, there are no seeds, or the level is not the policy's
+    :raises ValueError: if the policy has no channel, or a continuous one or one of too many messages, there are no seeds, or
+        the level is not the policy's
     """
     shape, actions = policy.channel.encoder.shape, action_names(level)
-    assert shape.count  # raises where there are no symbols
+    shape.check_enumerable()
     episodes = play(policy, level, seeds)
-    return Dictionary(
-        shape, joint_counts(said(policy, memory_of(policy, episodes)), episodes.actions, shape.count, len(actions)), actions
-    )
+    messages = said(policy, memory_of(policy, episodes))
+    return Dictionary(shape, joint_counts(messages, episodes.actions, shape.count, len(actions)), actions)

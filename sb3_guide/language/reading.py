@@ -45,9 +45,10 @@ def read(policy: AgentPolicy, level: str, seeds: np.ndarray) -> Reading:
     :param policy: with a channel
     :param level: name or id of the level, or id of another environment
     :param seeds: (E,) of the missions
-    :raises ValueError: if the policy has no channel, or a continuous one, there are no seeds, or the level is not the policy's
+    :raises ValueError: if the policy has no channel, or a continuous one or one of too many messages, there are no seeds, or
+        the level is not the policy's
     """
-    assert policy.channel.encoder.shape.count  # raises where the agent has no channel, or no symbols
+    policy.channel.encoder.shape.check_enumerable()
     return read_along(policy, level, play(policy, level, seeds))
 
 

@@ -140,15 +140,14 @@ class MessageDecoder(nn.Module):
         self.cell = nn.GRUCell(symbol, memory)
         self.logits = nn.Linear(memory, shape.vocabulary_size)
         if not shape.continuous:
-            self._begin_undecided(memory)
+            self.inverse_temperature = nn.Linear(memory, 1)
+            self._begin_undecided()
 
-    def _begin_undecided(self, memory: int) -> None:
+    def _begin_undecided(self) -> None:
         """
-        :param memory: width of the Guide's memory
+        All messages are equally probable at first, and the temperature is high (4.0, of at most 5), so that gradients reach
+        every symbol. Else all frames tend to agree on one message before it can mean anything, and stay there.
         """
-        self.inverse_temperature = nn.Linear(memory, 1)
-        # All messages are equally probable at first, and the temperature is high (4.0, of at most 5), so that gradients reach
-        # every symbol. Else all frames tend to agree on one message before it can mean anything, and stay there.
         for weights in (self.logits.weight, self.logits.bias, self.inverse_temperature.weight):
             nn.init.zeros_(weights)
         nn.init.constant_(self.inverse_temperature.bias, -3.0)
