@@ -30,7 +30,7 @@ from sb3_guide.files import read_json, write_json, write_text
 
 HERE = Path(__file__).parent
 DOOR_KEY = "MiniGrid-DoorKey-5x5-v0"
-SPLITS = {"train": 400, "validation": 50, "analysis": 50}  # episodes
+SPLITS = {"train": 2000, "validation": 50, "analysis": 50}  # episodes
 
 
 @cache

@@ -5,7 +5,8 @@ Ship agents with a channel: halve their weights to 16 bits, measure what is left
       python -m benchmarks.speakers --level $level --runs runs/speakers/$level
     done
 
-A folder of --runs holds the agents "guide" and "guided", as sb3-guide clone makes them; the cards say how.
+A folder of --runs holds the agents "guide" and "guided", as sb3-guide clone makes them, and "expert" if their demonstrations
+are not of the shipped one; the cards say how.
 """
 
 from pathlib import Path
@@ -27,6 +28,7 @@ from sb3_guide.policies.folder import read_agent, write_agent
 from sb3_guide.speakers import DICTIONARY, FOLDER
 
 EVALUATED = ("episodes", "successes", "success_rate", "low", "high", "mean_length", "first_seed", "versions")
+PARAMS = ("train_episodes", "n_epochs", "validate_every", "batch_size", "learning_rate")  # that differ from zoo_configs/bc.yml
 AGENTS = {"guide": "A Guide of", "guided": "A Learner that hears a Guide of"}
 
 
@@ -41,23 +43,40 @@ def ship(level: str, runs: Path, agent: str) -> None:
     policy = load_agent(folder)
     dictionary = learn(read(policy, level, mission_seeds("validation", 500)))
     save_dictionary(dictionary, folder / DICTIONARY)
-    write_text(folder / "README.md", card(level, agent, policy, dictionary, read_json(runs / agent / "run.json"), found))
+    made_by = commands(level, agent, read_json(runs / agent / "run.json"), (runs / "expert").is_dir())
+    write_text(folder / "README.md", card(level, agent, policy, dictionary, made_by, found))
+
+
+def commands(level: str, agent: str, run: dict[str, Any], own_expert: bool) -> list[str]:
+    """:return: lines of the shell that make the agent"""
+    folder, config = f"runs/speakers/{level}", run["config"]
+    expert = f"{folder}/expert" if own_expert else "pretrained"
+    guide = f" --guide {folder}/guide" if agent == "guided" else ""
+    params = " ".join(f"--params {name}:{config[name]}" for name in PARAMS)
+    return [
+        *([f"sb3-guide expert --level {level} --out {expert}"] if own_expert else []),
+        f"for split in train:{config['train_episodes']} validation:500; do",
+        f"  sb3-guide record --level {level} --expert {expert} --split ${{split%:*}} --episodes ${{split#*:}} \\",
+        f"    --out {folder}/demos/${{split%:*}}.safetensors",
+        "done",
+        f"sb3-guide clone --agent {agent} --level {level} --demos {folder}/demos{guide} \\",
+        f"  --seed {run['seed']} {params} \\",
+        f"  --out {folder}/{agent}",
+    ]
 
 
 def card(
-    level: str, agent: str, policy: AgentPolicy, dictionary: Dictionary, run: dict[str, Any], found: dict[str, Any]
+    level: str, agent: str, policy: AgentPolicy, dictionary: Dictionary, made_by: list[str], found: dict[str, Any]
 ) -> str:
     """:return: the model card"""
     meant, taken = obey(policy, level, dictionary, mission_seeds("analysis", 50), np.random.default_rng(0))
     raw, corrected = obedience(meant, taken)
     by_action = ", ".join(f"{ACTIONS[a]} {(taken[meant == a] == a).mean():.0%}" for a in np.unique(meant))
     beyond = "all of them mean the same" if np.isnan(corrected) else f"{corrected:.0%} beyond chance"
-    config = run["config"]
     words = [
         f"| {entry['message']} | {entry['action']} | {entry['probability']:.0%} | {entry['frames']:,} |"
         for entry in entries(dictionary)
     ]
-    guide = f" --guide runs/speakers/{level}/guide" if agent == "guided" else ""
     return "\n".join(
         [
             f"# {AGENTS[agent]} {level}",
@@ -74,14 +93,7 @@ def card(
             "Made by",
             "",
             "```sh",
-            f"for split in train:{config['train_episodes']} validation:500; do",
-            f"  sb3-guide record --level {level} --expert pretrained --split ${{split%:*}} --episodes ${{split#*:}} \\",
-            f"    --out runs/speakers/{level}/demos/${{split%:*}}.safetensors",
-            "done",
-            f"sb3-guide clone --agent {agent} --level {level} --demos runs/speakers/{level}/demos{guide} \\",
-            f"  --seed {run['seed']} --params train_episodes:{config['train_episodes']} \\",
-            f"  --params n_epochs:{config['n_epochs']} --params validate_every:{config['validate_every']} \\",
-            f"  --out runs/speakers/{level}/{agent}",
+            *made_by,
             "```",
             "",
         ]

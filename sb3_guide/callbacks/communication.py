@@ -39,7 +39,7 @@ class CICCallback(BaseCallback):
                 f"CICCallback can't measure {type(policy).__name__} in {type(self.model).__name__}: expected an on-policy "
                 "algorithm with GuidePolicy or GuidedLearnerPolicy"
             )
-        assert policy.channel  # raises where the agent has none
+        policy.channel.encoder.shape.check_enumerable()
 
     def _on_step(self) -> bool:
         return True

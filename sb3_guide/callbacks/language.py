@@ -23,11 +23,11 @@ class LanguagePictures:
     :param level: name or id of the level to play, or id of another environment
     :param logger: SB3's or imitation's; where it does not write for TensorBoard, nothing is played
     :param n_episodes: missions to play
-    :raises ValueError: if the policy has no channel, or no mission is to be played
+    :raises ValueError: if the policy has no channel, or a continuous one, or no mission is to be played
     """
 
     def __init__(self, policy: AgentPolicy, level: str, logger: Logger, n_episodes: int = 100) -> None:
-        assert policy.channel  # raises where the agent has none
+        policy.channel.encoder.shape.check_enumerable()
         self.policy = policy
         self.level = level
         self.logger = logger

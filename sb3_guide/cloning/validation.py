@@ -12,9 +12,6 @@ from sb3_guide.cloning.episodes import play
 from sb3_guide.metrics import cic, message_entropy, tempered, uniform_cic
 from sb3_guide.policies import AgentPolicy
 from sb3_guide.policies.memory import scene_of
-from sb3_guide.policies.networks import GuideNetwork
-
-FRAMES_AT_ONCE = 4096  # bounds the memory that enumerating all messages takes
 
 
 class Validation:
@@ -70,7 +67,7 @@ class Validation:
             memory = network.remember(sequences)
             distribution = self.policy.action_distribution(network.latent(memory, scene_of(memory, sequences.lengths)))
             loss = -distribution.log_prob(th.as_tensor(episodes.actions, device=self.policy.device)).mean().item()
-        communication = measure_communication(self.policy, memory) if isinstance(network, GuideNetwork) else {}
+        communication = measure_communication(self.policy, memory) if self.policy.has_symbols else {}
         return {"loss": loss, **communication}
 
 
@@ -81,16 +78,16 @@ def measure_communication(policy: AgentPolicy, memory: th.Tensor) -> dict[str, f
     :param policy: with a channel
     :param memory: (K, state_size) of its network at K frames
     :return: in nats "cic", "uniform_cic", "message_entropy", and "tempered_cic": CIC of messages half as uncertain as can be
-    :raises ValueError: if the policy has no channel
+    :raises ValueError: if the policy has no channel, or a continuous one
     """
+    at_once = policy.channel.encoder.shape.frames_at_once
     with th.no_grad():
-        parts = memory.split(FRAMES_AT_ONCE)
+        parts = memory.split(at_once)
         messages = th.cat([policy.channel.message_log_probs(part) for part in parts])
-        actions = th.cat([policy.listen(part) for part in parts])
-        measures = {
-            "cic": cic(messages, actions),
-            "uniform_cic": uniform_cic(actions),
-            "message_entropy": message_entropy(messages),
-            "tempered_cic": cic(tempered(messages, math.log(messages.shape[1]) / 2), actions),
-        }
-    return {name: values.mean().item() for name, values in measures.items()}
+        uncertain = tempered(messages, math.log(messages.shape[1]) / 2)
+        influences = []  # (frames, 3) of each part: enumerating actions of all frames would need too much memory
+        for part, spoken, less_surely in zip(parts, messages.split(at_once), uncertain.split(at_once), strict=True):
+            actions = policy.listen(part)
+            influences.append(th.stack([cic(spoken, actions), uniform_cic(actions), cic(less_surely, actions)], dim=1))
+    means = dict(zip(("cic", "uniform_cic", "tempered_cic"), th.cat(influences).mean(dim=0).tolist(), strict=True))
+    return {**means, "message_entropy": message_entropy(messages).mean().item()}

@@ -55,6 +55,13 @@ class Kind(str, Enum):
     guided = "guided"
 
 
+class Page(str, Enum):
+    """What is reported of the finished runs."""
+
+    guidance = "guidance"
+    channel = "channel"
+
+
 class Hears(str, Enum):
     """Interventions by name."""
 
@@ -230,15 +237,19 @@ def play(
     agents: Annotated[
         list[str] | None, typer.Argument(help="Folders of agents with a channel, besides those that are shipped.")
     ] = None,
-    level: Annotated[str | None, typer.Option(help="Name of the level to begin with, if not the agent's own.")] = None,
+    level: Annotated[
+        str | None, typer.Option(help="Name of the level to begin with, or PACKAGE:ID of these agents' own.")
+    ] = None,
     host: Annotated[str, typer.Option(help="Address to listen at: by default, of this machine alone.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port to listen at.")] = 8080,
     export: Annotated[Path | None, typer.Option(help="Write a page of episodes (.html), which needs no server.")] = None,
     episodes: Annotated[int, typer.Option(help="Of each agent on that page.")] = 3,
 ) -> None:
     """Watch agents in the browser, see what each message would do, and speak in the Guide's place."""
+    from sb3_guide.experiments.stages.levels import environment
     from sb3_guide.playground import play as playground
 
+    level = None if level is None else environment(level)
     folders = [folder_of(agent, level) for agent in agents or []]
     if export is None:
         playground.play(folders, level, host, port)
@@ -249,7 +260,9 @@ def play(
 @app.command()
 def reproduce(
     levels: Annotated[list[str] | None, typer.Argument(help="Levels of the study, such as GoToObj; all if left out.")] = None,
-    study: Annotated[str, typer.Option(help="stages, intra, curriculum, multilevel, lowdata, or one of your own.")] = "stages",
+    study: Annotated[
+        str, typer.Option(help="stages, intra, curriculum, multilevel, lowdata, language, channel, or one of your own.")
+    ] = "stages",
     out: Annotated[Path, typer.Option(help="Folder for all that is made. Studies may share one.")] = Path("runs/reproduce"),
     seeds: Annotated[int | None, typer.Option(help="Repetitions of stages 2 and 3, if not the study's own number.")] = None,
     cores: Annotated[int, typer.Option(help="Cores to use. Results don't depend on their number.")] = 2,
@@ -273,11 +286,14 @@ def collect(
 
 
 @app.command()
-def report(folder: Annotated[Path, typer.Argument(help="Folder with curves.csv and finals.csv.")]) -> None:
-    """Judge the paper's claims on guidance from the tables of a study, and write pages and figures beside them."""
-    from sb3_guide.experiments.report.guidance import write_pages
+def report(
+    folder: Annotated[Path, typer.Argument(help="Folder with curves.csv and finals.csv.")],
+    page: Annotated[Page, typer.Option(help="The paper's claims on guidance, or how much language there is.")] = Page.guidance,
+) -> None:
+    """Write pages and figures beside the tables of a study: the paper's claims judged, or how much language there is."""
+    from sb3_guide.experiments.reproduce import PAGES
 
-    write_pages(folder)
+    PAGES[page.value](folder)
 
 
 def folder_of(agent: str, level: str | None, kind: str = "guided") -> Path:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
+from sb3_guide.experiments.report.channel import write_page
 from sb3_guide.experiments.report.guidance import write_pages
 from sb3_guide.experiments.report.page import write_report
 from sb3_guide.experiments.report.summary import summarise
@@ -13,7 +14,8 @@ from sb3_guide.experiments.workflow.conditions import load_catalogue
 from sb3_guide.experiments.workflow.running import locked, run_workflow
 from sb3_guide.files import write_json
 
-STAGES = "stages"  # the study that has a page of its own
+STAGES = "stages"  # the study that has a report of its own
+PAGES = {"guidance": write_pages, "channel": write_page}  # of all others
 
 
 def reproduce(
@@ -53,5 +55,5 @@ def reproduce(
             print(f"Done: see {out / 'report.html'}, and summary.json beside it.")
         else:
             write_tables(folder, folder / "report")
-            write_pages(folder / "report")
+            PAGES[catalogue.studies[study].page](folder / "report")
             print(f"Done: see {out / 'report' / 'README.md'}.")

@@ -5,10 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from sb3_guide.envs import ACTIONS
+from sb3_guide.cloning.episodes import play
+from sb3_guide.envs import ACTIONS, action_names
 from sb3_guide.files import read_json, write_json
-from sb3_guide.language.reading import Reading
+from sb3_guide.language.reading import Reading, memory_of, said
 from sb3_guide.metrics import conditional, joint_counts
+from sb3_guide.policies import AgentPolicy
 from sb3_guide.policies.channel import MessageShape
 
 STRONG = 0.8  # P(action|message) from which on a message means its action
@@ -101,3 +103,20 @@ def learn(reading: Reading) -> Dictionary:
     """:return: the dictionary of what was read"""
     counts = joint_counts(reading.messages, reading.episodes.actions, reading.shape.count, len(reading.actions))
     return Dictionary(reading.shape, counts, reading.actions)
+
+
+def overhear(policy: AgentPolicy, level: str, seeds: np.ndarray) -> Dictionary:
+    """
+    The dictionary of what an agent says while it plays: that of :func:`learn`, without asking what it could have said instead.
+
+    :param policy: with a channel
+    :param level: name or id of the level, or id of another environment
+    :param seeds: (E,) of the missions
+    :raises ValueError: if the policy has no channel, or a continuous one or one of too many messages, there are no seeds, or
+        the level is not the policy's
+    """
+    shape, actions = policy.channel.encoder.shape, action_names(level)
+    shape.check_enumerable()
+    episodes = play(policy, level, seeds)
+    messages = said(policy, memory_of(policy, episodes))
+    return Dictionary(shape, joint_counts(messages, episodes.actions, shape.count, len(actions)), actions)

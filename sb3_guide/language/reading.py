@@ -11,8 +11,6 @@ from sb3_guide.policies import AgentPolicy
 from sb3_guide.policies.channel import MessageShape
 from sb3_guide.policies.sequences import history_of
 
-FRAMES_AT_ONCE = 4096  # bounds the memory that enumerating all messages takes
-
 
 @dataclass(frozen=True)
 class Reading:
@@ -47,9 +45,10 @@ def read(policy: AgentPolicy, level: str, seeds: np.ndarray) -> Reading:
     :param policy: with a channel
     :param level: name or id of the level, or id of another environment
     :param seeds: (E,) of the missions
-    :raises ValueError: if the policy has no channel, there are no seeds, or the level is not the policy's
+    :raises ValueError: if the policy has no channel, or a continuous one or one of too many messages, there are no seeds, or
+        the level is not the policy's
     """
-    assert policy.channel  # raises where the agent has none
+    policy.channel.encoder.shape.check_enumerable()
     return read_along(policy, level, play(policy, level, seeds))
 
 
@@ -60,15 +59,28 @@ def read_along(policy: AgentPolicy, level: str, episodes: Episodes) -> Reading:
     :param policy: with a channel
     :param level: name or id of the level, or id of another environment, where it was
     :param episodes: at least one
-    :raises ValueError: if the policy has no channel
+    :raises ValueError: if the policy has no channel, or a continuous one
     """
     shape = policy.channel.encoder.shape
-    parts = memory_of(policy, episodes).split(FRAMES_AT_ONCE)
+    memory = memory_of(policy, episodes)
+    parts = memory.split(shape.frames_at_once)
     with th.no_grad():
-        spoken = th.cat([policy.channel.speak(part).argmax(dim=-1) for part in parts])
         messages = th.cat([policy.channel.message_log_probs(part) for part in parts])
         actions = th.cat([policy.listen(part) for part in parts])
-    return Reading(shape, episodes, shape.index(spoken).cpu().numpy(), messages.cpu(), actions.cpu(), action_names(level))
+    return Reading(shape, episodes, said(policy, memory), messages.cpu(), actions.cpu(), action_names(level))
+
+
+def said(policy: AgentPolicy, memory: th.Tensor) -> np.ndarray:
+    """
+    :param policy: with a channel
+    :param memory: (F, state_size) of the agent, see :func:`memory_of`
+    :return: (F,) int64 index of the most probable message at each frame
+    :raises ValueError: if the policy has no channel, or a continuous one
+    """
+    shape = policy.channel.encoder.shape
+    with th.no_grad():
+        spoken = [policy.channel.speak(part).argmax(dim=-1) for part in memory.split(shape.frames_at_once)]
+    return shape.index(th.cat(spoken)).cpu().numpy()
 
 
 def memory_of(policy: AgentPolicy, episodes: Episodes) -> th.Tensor:

@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 from pathlib import Path
 from threading import Lock
-from typing import Any
+from typing import cast
 
 import numpy as np
+from gymnasium import spaces
 
 from sb3_guide.cloning import mission_seeds
-from sb3_guide.envs import LEVELS, level_of
+from sb3_guide.envs import LEVELS, is_level, name_of
 from sb3_guide.language import learn, read, speak
 from sb3_guide.policies import load_agent
 from sb3_guide.policies.folder import AGENT, read_agent
@@ -25,19 +26,29 @@ class Speaker:
     An agent with a channel, and what its messages mean on the level where it was trained.
 
     :param folder: of the agent
-    :param level: name of that level
+    :param level: name of that level, or id of another environment
     :raises FileNotFoundError: if there is no agent in the folder
     :raises ValueError: if the agent has no channel, or one of too many messages
     """
 
     def __init__(self, folder: Path, level: str) -> None:
         self.policy = load_agent(folder)
+        self.seen = cast(spaces.Dict, self.policy.observation_space)
         self.shape = self.policy.channel.encoder.shape
         self.symbols = self.shape.all().numpy()  # (M, length)
         self.level = level
         self.kind = f"{GUIDE if isinstance(self.policy.network, Guide) else LEARNER}, trained on {level}"
         self.dictionary = learn(read(self.policy, level, mission_seeds("validation", LEARNED_ON)))
         self._one_at_a_time = Lock()  # what the policy hears is part of its state, and sessions share it
+
+    def check_level(self, level: str) -> None:
+        """
+        :param level: name of a level, or id of another environment
+        :raises ValueError: if the agent can't play there
+        """
+        if level not in levels_of(self.level):
+            expected = f"{self.level}, or another level of ours" if is_level(self.level) else self.level
+            raise ValueError(f"an agent trained on {self.level} can't play {level}: expected {expected}")
 
     def check(self, messages: Sequence[int]) -> None:
         """
@@ -78,7 +89,7 @@ class Cast:
         named = {str(folder): folder for folder in folders if folder not in shipped}
         self.folders = {**named, **{str(folder.relative_to(SHIPPED)): folder for folder in shipped}}
         self._levels = {name: home_of(folder, level) for name, folder in self.folders.items()}
-        self.first = self._first(list(named), None if level is None else level_of(level).name)
+        self.first = self._first(list(named), None if level is None else name_of(level))
         self._speakers: dict[str, Speaker] = {}
         for name in named:
             self.speaker(name)
@@ -114,13 +125,18 @@ def home_of(folder: Path, level: str | None) -> str:
     """
     :param folder: of an agent
     :param level: if it does not say
-    :return: name of the level where it was trained, the first one of several
+    :return: name of the level where it was trained, the first one of several, or id of another environment
     :raises ValueError: if nobody says
     """
-    trained: Any = read_agent(folder)[0].level
-    first = str(trained).split("+")[0]
-    if first in LEVELS:
-        return first
-    if level is None:
+    trained = (read_agent(folder)[0].level or "").split("+")[0] or level
+    if trained is None:
         raise ValueError(f"{folder} does not say where it was trained: expected --level, such as --level GoToLocal")
-    return level_of(level).name
+    return name_of(trained)
+
+
+def levels_of(home: str) -> list[str]:
+    """
+    :param home: where an agent was trained
+    :return: where it can play: on all levels of ours, or in that other environment alone
+    """
+    return list(LEVELS) if is_level(home) else [home]

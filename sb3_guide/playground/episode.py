@@ -2,20 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch as th
 
-from sb3_guide.envs import GuideGridEnv, encode
-from sb3_guide.envs.given_mission import with_mission
 from sb3_guide.playground.cast import Speaker
-from sb3_guide.policies.sequences import history_of
+from sb3_guide.playground.scenes import Observation, Outcome, Scene, scene_of
 
 HIGHEST_SEED = 2**53 - 1  # the highest number that a browser counts up to
 LONGEST_MISSION = 400  # characters
-
-Outcome = Literal["", "fulfilled", "out of time"]
 
 
 @dataclass(frozen=True)
@@ -23,7 +19,7 @@ class Beginning:
     """
     Where an episode begins. All that follows depends on the messages alone.
 
-    :param level: name of the level
+    :param level: name of the level, or id of another environment
     :param seed: of the world
     :param mission: of a person's own; "" for the world's
     :raises ValueError: if the seed or the mission is too long
@@ -44,7 +40,7 @@ class Moment(NamedTuple):
     """
     M messages, A actions.
 
-    :param world: its exact state
+    :param world: its exact state, as the scene takes it
     :param observation: what the agent sees
     :param memory: what it remembers of the time before, as ``predict`` takes it
     :param spoken: index of the message that the Guide speaks
@@ -53,8 +49,8 @@ class Moment(NamedTuple):
     :param outcome: how the episode ended, if it did
     """
 
-    world: dict[str, np.ndarray]
-    observation: dict[str, np.ndarray]
+    world: Any
+    observation: Observation
     memory: tuple[np.ndarray, ...] | None
     spoken: int
     message_probabilities: np.ndarray
@@ -82,17 +78,15 @@ class Episode:
 
     :param speaker: who plays
     :param beginning: where
-    :raises ValueError: if the level is unknown, or the mission is none
+    :raises ValueError: if the agent can't play there, or the mission is none
     """
 
     def __init__(self, speaker: Speaker, beginning: Beginning) -> None:
         self.speaker = speaker
-        self.env = GuideGridEnv(beginning.level, history_of(speaker.policy.observation_space), render_mode="rgb_array")
-        observation, _ = self.env.reset(seed=beginning.seed)
-        if beginning.mission:
-            mission = " ".join(beginning.mission.lower().split())
-            self.env.set_state(with_mission(self.env.get_state(), self.env.level, mission))
-            observation = {**observation, "mission": encode(mission)}
+        speaker.check_level(beginning.level)
+        self._place = (beginning.level, speaker.seen)
+        self.scene = scene_of(*self._place)
+        observation = self.scene.begin(beginning.seed, beginning.mission)
         self.turns: list[Turn] = []
         self.moments = [self._moment(observation, None, "")]
 
@@ -113,9 +107,9 @@ class Episode:
             raise ValueError(f"the episode has ended ({now.outcome}): expected a step before its end")
         heard = now.spoken if message is None else message
         action, memory = self.speaker.tell(now.observation, now.memory, heard)
-        observation, _, fulfilled, over, _ = self.env.step(np.int64(action))
+        observation, outcome = self.scene.step(action)
         self.turns.append(Turn(heard, message is not None, action))
-        self.moments.append(self._moment(observation, memory, "fulfilled" if fulfilled else "out of time" if over else ""))
+        self.moments.append(self._moment(observation, memory, outcome))
 
     def back(self) -> Turn:
         """
@@ -126,21 +120,21 @@ class Episode:
         """
         turn = self.turns.pop()
         self.moments.pop()
-        self.env.set_state(self.now.world)
+        self.scene.restore(self.now.world)
         return turn
 
     def pictures(self) -> "Pictures":
         """:return: the world at each moment up to now"""
-        return Pictures(self.env, [moment.world for moment in self.moments])
+        return Pictures(scene_of(*self._place), [moment.world for moment in self.moments])
 
-    def _moment(self, observation: dict[str, np.ndarray], memory: tuple[np.ndarray, ...] | None, outcome: Outcome) -> Moment:
+    def _moment(self, observation: Observation, memory: tuple[np.ndarray, ...] | None, outcome: Outcome) -> Moment:
         policy, channel = self.speaker.policy, self.speaker.policy.channel
         state = None if memory is None else (th.as_tensor(memory[0]), th.as_tensor(memory[1]))
         with th.no_grad():
             remembered = policy.memory(policy.obs_to_tensor(observation)[0], state)  # type: ignore[arg-type]
             spoken = self.speaker.shape.index(channel.speak(remembered).argmax(dim=-1))
             messages, actions = channel.message_log_probs(remembered), policy.listen(remembered)
-        world = self.env.get_state()
+        world = self.scene.state()
         return Moment(world, observation, memory, int(spoken), messages[0].exp().numpy(), actions[0].exp().numpy(), outcome)
 
 
@@ -149,17 +143,17 @@ class Pictures(Sequence[np.ndarray]):
     Pictures of worlds, (height, width, 3) uint8 each, which are drawn when they are asked for: those of a long way through a
     maze would fill the memory.
 
-    :param env: of the level
+    :param scene: of its own, as it is played to and fro
     :param worlds: their states
     """
 
-    def __init__(self, env: GuideGridEnv, worlds: list[dict[str, np.ndarray]]) -> None:
-        self._env = GuideGridEnv(env.level.name, env.history, render_mode="rgb_array")
+    def __init__(self, scene: Scene, worlds: list[Any]) -> None:
+        self._scene = scene
         self._worlds = worlds
 
     def __len__(self) -> int:
         return len(self._worlds)
 
     def __getitem__(self, index: Any) -> Any:
-        self._env.set_state(self._worlds[index])
-        return self._env.render()
+        self._scene.restore(self._worlds[index])
+        return self._scene.world()

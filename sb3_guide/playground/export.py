@@ -8,11 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from sb3_guide.envs import ACTIONS
-from sb3_guide.envs.rendering import TILE
 from sb3_guide.language.animation import Caption, write_animation
 from sb3_guide.playground.episode import Turn
-from sb3_guide.playground.pictures import data_url, draw_view
+from sb3_guide.playground.pictures import data_url
+from sb3_guide.playground.scenes import Captions
 from sb3_guide.playground.session import Seat
 from sb3_guide.playground.shown import Shown, pictures_class, shown, turn_in_words
 
@@ -28,7 +27,9 @@ class Recording(NamedTuple):
     :param turns_in_words: the same
     :param messages: names of all messages
     :param worlds: T + 1 pictures of the world
-    :param images: (7, 7, 3) uint8 each, T + 1 observations of what the agent saw
+    :param views: T + 1 pictures of what the agent saw
+    :param captions: of these pictures
+    :param actions: names of all actions
     """
 
     agent: str
@@ -38,7 +39,9 @@ class Recording(NamedTuple):
     turns_in_words: list[str]
     messages: list[str]
     worlds: Sequence[np.ndarray]
-    images: list[np.ndarray]
+    views: list[np.ndarray]
+    captions: Captions
+    actions: tuple[str, ...]
 
 
 def recorded(seat: Seat) -> Recording:
@@ -57,7 +60,9 @@ def recorded(seat: Seat) -> Recording:
         [turn_in_words(episode, turn) for turn in episode.turns],
         episode.speaker.shape.names(),
         episode.pictures(),
-        [moment.observation["image"] for moment in episode.moments],
+        [episode.scene.view(moment.observation) for moment in episode.moments],
+        episode.scene.captions,
+        episode.speaker.dictionary.actions,
     )
 
 
@@ -92,8 +97,8 @@ def seat_data(recording: Recording, pictures: dict[str, int]) -> dict[str, Any]:
     :param pictures: number of each picture, which are added to
     """
     moments = []
-    for moment, world, image in zip(recording.moments, recording.worlds, recording.images, strict=True):
-        drawn = (data_url(world), data_url(draw_view(image)))
+    for moment, world, view in zip(recording.moments, recording.worlds, recording.views, strict=True):
+        drawn = (data_url(world), data_url(view))
         world_number, view_number = (pictures.setdefault(picture, len(pictures)) for picture in drawn)
         lines = [line._asdict() for line in moment.lines]
         speech = [part._asdict() for part in moment.speech]
@@ -102,16 +107,22 @@ def seat_data(recording: Recording, pictures: dict[str, int]) -> dict[str, Any]:
         {"text": text, "by_person": turn.by_person}
         for text, turn in zip(recording.turns_in_words, recording.turns, strict=True)
     ]
-    layout = pictures_class(recording.worlds[0].shape[1] // TILE)
-    return {"agent": recording.agent, "kind": recording.kind, "layout": layout, "moments": moments, "turns": turns}
+    return {
+        "agent": recording.agent,
+        "kind": recording.kind,
+        "layout": pictures_class(recording.worlds[0]),
+        "captions": recording.captions._asdict(),
+        "moments": moments,
+        "turns": turns,
+    }
 
 
 def gif_of(recording: Recording) -> bytes:
     """:return: a GIF of what happened"""
-    captions = [
-        Caption(moment.mission, recording.messages[turn.heard] + (" (you)" if turn.by_person else ""), ACTIONS[turn.action])
-        for moment, turn in zip(recording.moments, recording.turns, strict=False)
-    ]
+    captions = []
+    for moment, turn in zip(recording.moments, recording.turns, strict=False):
+        heard = recording.messages[turn.heard] + (" (you)" if turn.by_person else "")
+        captions.append(Caption(moment.mission, heard, recording.actions[turn.action]))
     captions.append(Caption(recording.moments[-1].mission, "", ""))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "episode.gif"

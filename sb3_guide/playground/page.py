@@ -1,6 +1,5 @@
 """The page that is served: what a person does on it becomes a step of the session, and what the session holds is shown."""
 
-import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -11,9 +10,8 @@ from fastapi import Request
 from nicegui import app, events, run, ui
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
-from sb3_guide.envs import LEVELS
 from sb3_guide.language import CHOREOGRAPHIES
-from sb3_guide.playground.cast import Cast
+from sb3_guide.playground.cast import Cast, levels_of
 from sb3_guide.playground.episode import HIGHEST_SEED, LONGEST_MISSION, Beginning
 from sb3_guide.playground.export import gif_of, html_of, recorded
 from sb3_guide.playground.panel import Panel, sentence, words
@@ -32,9 +30,9 @@ NOBODY = "nobody"
 SPEEDS = {1.2: "slow", 0.5: "brisk", 0.15: "fast"}  # seconds a step
 LEAD = [
     [
-        Part("The red triangle has a mission, and sees no more than the seven by seven cells before it. At each step a "),
+        Part("An agent has a mission, and sees no more than what the second picture shows. At each step a "),
         Part("Guide", GUIDE),
-        Part(" looks at the same cells and says a short message. Nobody taught it the words: they came to mean "),
+        Part(" looks at the same and says a short message. Nobody taught it the words: they came to mean "),
         Part("something because "),
         Part("an agent", AGENT),
         Part(" had to find its way by them."),
@@ -106,7 +104,7 @@ class Page:
         with ui.element("div").classes("fields"):
             self.agent = ui.select(list(self.cast.folders), label="Agent").on("update:model-value", self.agent_chosen)
             self.other = ui.select([NOBODY, *self.cast.folders], label="Compare with", value=NOBODY)
-            self.level = ui.select(list(LEVELS), label="Level")
+            self.level = ui.select(levels_of(self.cast.first["level"]), label="Level")
             self.seed = ui.number("World number", min=0, max=HIGHEST_SEED, precision=0, step=1).on("change", self.begin)
             for select in (self.other, self.level):
                 select.on("update:model-value", self.begin)
@@ -181,7 +179,8 @@ class Page:
     def fill_in(self, session: Session) -> None:
         """Let the fields say what is played."""
         self.agent.value, self.other.value = (*session.names, NOBODY)[:2]
-        self.level.value, self.seed.value = session.beginning.level, session.beginning.seed
+        self.level.set_options(levels_of(session.beginning.level), value=session.beginning.level)
+        self.seed.value = session.beginning.seed
         self.mission.value = session.beginning.mission
 
     def show(self) -> None:
@@ -192,11 +191,12 @@ class Page:
             if self.session.ended:
                 self.pause()
             self.freed.set_visibility(any(seat.told is not None for seat in self.session.seats))
-            ui.run_javascript(f"history.replaceState(null, '', {json.dumps(link_of(self.session))})")
+            ui.navigate.history.replace(link_of(self.session))
 
     async def agent_chosen(self) -> None:
         """Another agent plays where it was trained."""
-        self.level.value = self.cast.level(self.agent.value)
+        home = self.cast.level(self.agent.value)
+        self.level.set_options(levels_of(home), value=home)
         await self.begin()
 
     async def begin(self) -> None:

@@ -6,7 +6,7 @@ from functools import partial
 from nicegui import ui
 from nicegui.elements.mixins.text_element import TextElement
 
-from sb3_guide.playground.pictures import data_url, draw_view
+from sb3_guide.playground.pictures import data_url
 from sb3_guide.playground.session import Seat
 from sb3_guide.playground.shown import Line, Part, percent, pictures_class, shown, turn_in_words
 
@@ -95,9 +95,10 @@ class Panel:
                     words("span", seat.name)
                     words("span", speaker.kind, "soft")
                 self.mission, self.status = words("p", classes="mission"), words("p", classes="soft")
-            with ui.element("div").classes(pictures_class(seat.episode.env.level.width)):
-                self.world = self._picture("The world as you see it. Lighter: what the agent sees.", "the world from above")
-                self.view = self._picture("All that the agent sees. It stands below, looking up.", "the view of the agent")
+            scene = seat.episode.scene
+            with ui.element("div").classes(pictures_class(scene.world())):
+                self.world = self._picture(scene.captions.world, "the world")
+                self.view = self._picture(scene.captions.view, "the view of the agent")
             with ui.element("div").classes("speech"):
                 self.speech = ui.element("p").props("aria-live=polite")
                 with ui.element("div").classes("messages"):
@@ -120,8 +121,8 @@ class Panel:
         now = shown(episode, len(episode.turns), seat.heard, seat.told is not None)
         self.mission.set_text(now.mission)
         self.status.set_text(now.status)
-        self.world.props["src"] = data_url(episode.env.render())
-        self.view.props["src"] = data_url(draw_view(episode.now.observation["image"]))
+        self.world.props["src"] = data_url(episode.scene.world())
+        self.view.props["src"] = data_url(episode.scene.view(episode.now.observation))
         self.speech.clear()
         with self.speech:
             sentence(now.speech)

@@ -4,9 +4,8 @@ import re
 from collections.abc import Mapping, Sequence
 from itertools import groupby, zip_longest
 
-from sb3_guide.envs import is_level, level_of
 from sb3_guide.language import CHOREOGRAPHIES, danced, steps_of
-from sb3_guide.playground.cast import Cast
+from sb3_guide.playground.cast import Cast, levels_of
 from sb3_guide.playground.episode import Beginning, Episode
 
 LONGEST_TEXT = 2000  # characters of a choreography
@@ -175,10 +174,11 @@ class Session:
         seed = query.get("seed", "0")
         if not re.fullmatch(r"\d{1,16}", seed):
             raise ValueError(f"world {seed[:20]!r}: expected a number, such as 7")
-        level = query.get("level", cast.level(names[0]))
-        if not is_level(level):
-            raise ValueError(f"unknown level {level[:40]!r}: expected one that the page offers, such as GoToLocal")
-        beginning = Beginning(level_of(level).name, int(seed), query.get("mission", ""))
+        home = cast.level(names[0])
+        level = query.get("level", home)
+        if level not in levels_of(home):
+            raise ValueError(f"unknown level {level[:40]!r}: expected one that the page offers, such as {home}")
+        beginning = Beginning(level, int(seed), query.get("mission", ""))
         session = cls(cast, names, beginning)
         told, plans, kept = (
             [messages(query.get(name + number, "")) for number in NUMBERS[: len(names)]] for name in ("told", "plan", "keep")

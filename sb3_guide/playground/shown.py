@@ -1,17 +1,15 @@
 """What a page shows of an agent at a moment, in words and numbers: the same where it is served and where it is exported."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from sb3_guide.envs import ACTIONS, decode
-from sb3_guide.envs.engine.cells import BALL, BOX, COLOURS, KEY, VIEW
-from sb3_guide.envs.given_mission import has_targets
+from sb3_guide.envs.rendering import TILE
 from sb3_guide.language import Dictionary
 from sb3_guide.playground.episode import Episode, Moment, Turn
 
-THINGS = {KEY: "key", BALL: "ball", BOX: "box"}
-ONE_ROOM = 8  # cells
+ONE_ROOM = 8 * TILE  # pixels
 GUIDE, AGENT, YOU = "guide", "agent", "you"  # who says or does it, which is a colour
 
 
@@ -25,6 +23,13 @@ class Part(NamedTuple):
 
     text: str
     who: str = ""
+
+
+ENDINGS = {
+    "fulfilled": Part("Mission fulfilled", GUIDE),
+    "out of time": Part("Out of time", YOU),
+    "failed": Part("Failed", YOU),
+}
 
 
 class Line(NamedTuple):
@@ -77,34 +82,30 @@ def shown(episode: Episode, time: int, heard: int, by_person: bool) -> Shown:
     :param by_person: whether a person says it
     """
     moment, speaker = episode.moments[time], episode.speaker
-    names, likeliest = speaker.shape.names(), moment.action_probabilities.argmax(axis=1)
+    names, actions, likeliest = speaker.shape.names(), speaker.dictionary.actions, moment.action_probabilities.argmax(axis=1)
     lines = [
         Line(
             name,
             meaning(speaker.dictionary, message),
             round(float(moment.message_probabilities[message]), 4),
-            ACTIONS[likeliest[message]],
+            actions[likeliest[message]],
             round(float(moment.action_probabilities[message, likeliest[message]]), 4),
-            chances(moment.action_probabilities[message]),
+            chances(moment.action_probabilities[message], actions),
             message == moment.spoken,
             by_person and message == heard,
             bool(likeliest[message] != likeliest[moment.spoken]),
         )
         for message, name in enumerate(names)
     ]
-    mission, limit = decode(moment.observation["mission"]), int(moment.world["max_steps"][0])
-    carried = carries(moment)
-    status = f"Step {time} of at most {limit}" + (f", carrying the {carried}" if carried else "")
-    if not has_targets(moment.world):
-        status += ". Something that the mission speaks of is not there, so that it can't be fulfilled."
+    mission = episode.scene.mission(moment.observation)
+    status = episode.scene.status(moment.world, moment.observation, time)
     return Shown(mission, status, moment.outcome, speech(moment, lines, heard, by_person, time), lines)
 
 
 def speech(moment: Moment, lines: list[Line], heard: int, by_person: bool, time: int) -> list[Part]:
     """:return: a sentence or two about the moment"""
     if moment.outcome:
-        how = Part("Mission fulfilled", GUIDE) if moment.outcome == "fulfilled" else Part("Out of time", YOU)
-        return [how, Part(f" after {time} step{'' if time == 1 else 's'}.")]
+        return [ENDINGS[moment.outcome], Part(f" after {time} step{'' if time == 1 else 's'}.")]
     spoken, told = lines[moment.spoken], lines[heard]
     parts = [Part("The Guide says "), Part(spoken.message, GUIDE), Part(f" ({percent(spoken.says)})")]
     if by_person:
@@ -115,22 +116,23 @@ def speech(moment: Moment, lines: list[Line], heard: int, by_person: bool, time:
 
 def turn_in_words(episode: Episode, turn: Turn) -> str:
     """:return: such as "w0 w2: left" """
-    return f"{episode.speaker.shape.names()[turn.heard]}: {ACTIONS[turn.action]}"
+    speaker = episode.speaker
+    return f"{speaker.shape.names()[turn.heard]}: {speaker.dictionary.actions[turn.action]}"
 
 
 def meaning(dictionary: Dictionary, message: int) -> str:
     """:return: what a message means, in words"""
     action = dictionary.meanings[message]
     if action >= 0:
-        return ACTIONS[action]
+        return dictionary.actions[action]
     counts = dictionary.counts[message]
-    return f"mostly {ACTIONS[counts.argmax()]}" if counts.sum() else "never said"
+    return f"mostly {dictionary.actions[counts.argmax()]}" if counts.sum() else "never said"
 
 
-def chances(probabilities: np.ndarray) -> str:
+def chances(probabilities: np.ndarray, actions: Sequence[str]) -> str:
     """:return: such as "left 98 %, forward 2 %", without what is less likely than one in two hundred"""
     order = [action for action in np.argsort(-probabilities, kind="stable") if probabilities[action] >= 0.005]
-    return ", ".join(f"{ACTIONS[action]} {percent(float(probabilities[action]))}" for action in order)
+    return ", ".join(f"{actions[action]} {percent(float(probabilities[action]))}" for action in order)
 
 
 def percent(share: float) -> str:
@@ -138,15 +140,9 @@ def percent(share: float) -> str:
     return ("<1%" if 0 < share < 0.005 else f"{share:.0%}").replace("%", "\N{NO-BREAK SPACE}%")
 
 
-def pictures_class(cells: int) -> str:
+def pictures_class(world: np.ndarray) -> str:
     """
-    :param cells: that the world is wide
-    :return: how its picture and that of the view are laid out: mazes need more room than the view
+    :param world: picture of it, (height, width, 3)
+    :return: how it and the picture of the view are laid out: mazes need more room than the view
     """
-    return "pictures" if cells <= ONE_ROOM else "pictures large"
-
-
-def carries(moment: Moment) -> str:
-    """:return: such as "red ball", "" if the agent carries nothing"""
-    kind, colour, _ = moment.observation["image"][VIEW // 2, VIEW - 1]
-    return f"{COLOURS[colour]} {THINGS[kind]}" if kind in THINGS else ""
+    return "pictures" if world.shape[1] <= ONE_ROOM else "pictures large"

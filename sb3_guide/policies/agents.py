@@ -79,6 +79,8 @@ class GuideAgent(SpeakingAgent):
     :param size: "compact" or "paper" (Table A.2)
     :param message_length: symbols in a message
     :param vocabulary_size: different symbols
+    :param channel: "discrete", or "continuous" for messages without symbols, of as many numbers
+        (:class:`~sb3_guide.policies.MessageShape`)
     :param guide: an agent's folder, a :class:`PretrainedGuide` or its description: who speaks; None makes a new Guide
     :param freeze_guide: keep that Guide as it is; it is trained along otherwise
     :param ortho_init: SB3's orthogonal initialisation, which would undo the channel's own
@@ -96,16 +98,18 @@ class GuideAgent(SpeakingAgent):
         size: str = "compact",
         message_length: int = 2,
         vocabulary_size: int = 3,
+        channel: str = "discrete",
         guide: PretrainedGuide | Mapping[str, Any] | str | Path | None = None,
         freeze_guide: bool = False,
         ortho_init: bool = False,
         **kwargs: Any,
     ) -> None:
-        own: dict[str, Any] = {"size": size, "message_length": message_length, "vocabulary_size": vocabulary_size}
+        shape = {"message_length": message_length, "vocabulary_size": vocabulary_size, "channel": channel}
+        own: dict[str, Any] = {"size": size, **shape}
         pretrained = None if guide is None else self._guide(guide)
         of_guide = {} if pretrained is None else {"guide": asdict(pretrained.description), "freeze_guide": freeze_guide}
-        if pretrained is not None and (theirs := {name: pretrained.description.kwargs[name] for name in own}) != own:
-            raise ValueError(f"the Guide has {theirs}: expected {own}")
+        if pretrained is not None and pretrained.form != own:
+            raise ValueError(f"the Guide has {pretrained.form}: expected {own}")
         kwargs = {**kwargs, "ortho_init": ortho_init}
         super().__init__(
             observation_space, action_space, lr_schedule, network_kwargs=own, agent_kwargs={**own, **of_guide}, **kwargs
@@ -141,7 +145,7 @@ class GuidedLearnerAgent(SpeakingAgent):
         (:data:`~sb3_guide.policies.interventions.INTERVENTIONS`)
     :param size: of the Learner, "compact" or "paper" (Table A.2)
     :param ortho_init: SB3's orthogonal initialisation
-    :raises ValueError: if there is no Guide or one of the other memory mode, or no such intervention
+    :raises ValueError: if there is no Guide or one of the other memory mode, or no such intervention in its channel
     """
 
     network_class = GuidedLearner
@@ -160,17 +164,12 @@ class GuidedLearnerAgent(SpeakingAgent):
         **kwargs: Any,
     ) -> None:
         pretrained, intervention = self._guide(guide), intervention_of(hears)
-        of_guide = pretrained.description.kwargs
+        form = pretrained.form
         super().__init__(
             observation_space,
             action_space,
             lr_schedule,
-            network_kwargs={
-                "size": size,
-                "guide_size": of_guide["size"],
-                "message_length": of_guide["message_length"],
-                "vocabulary_size": of_guide["vocabulary_size"],
-            },
+            network_kwargs={**form, "size": size, "guide_size": form["size"]},
             agent_kwargs={
                 "size": size,
                 "guide": asdict(pretrained.description),

@@ -156,6 +156,11 @@ class AgentPolicy(ActorCriticPolicy):
             raise ValueError(f"{type(self).__name__} sends no messages: expected a GuidePolicy or a GuidedLearnerPolicy")
         return self.network
 
+    @property
+    def has_symbols(self) -> bool:
+        """Whether the agent has a channel, and its messages are made of symbols."""
+        return isinstance(self.network, GuideNetwork) and not self.network.encoder.shape.continuous
+
     @contextmanager
     def hearing(self, intervention: Intervention, seed: int = 0) -> Iterator[None]:
         """
@@ -163,7 +168,7 @@ class AgentPolicy(ActorCriticPolicy):
 
         :param intervention: what happens to each message
         :param seed: of what it draws while messages are greedy
-        :raises ValueError: if the agent has no channel
+        :raises ValueError: if the agent has no channel, or a continuous one where the intervention needs symbols
         """
         channel, usual, chance = self.channel, self.channel.intervention, self.channel.chance
         channel.intervention, channel.chance = intervention, th.Generator().manual_seed(seed)

@@ -1,4 +1,4 @@
-"""The discrete channel: a decoder speaks a message, an encoder reads it."""
+"""The channel: a decoder speaks a message, an encoder reads it."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -10,7 +10,9 @@ from torch import nn
 from sb3_guide.policies.products import transform
 
 MAX_LENGTH, MAX_VOCABULARY = 100, 10_000
-MAX_MESSAGES = 256  # enumerating more than these for the metrics would need too much memory
+MAX_MESSAGES = 1024  # enumerating more than these for the metrics would need too much memory
+ENUMERATED_AT_ONCE = 36_864  # frames times messages: bounds the memory that enumerating takes
+CHANNELS = ("discrete", "continuous")
 
 
 @dataclass(frozen=True)
@@ -20,13 +22,18 @@ class MessageShape:
 
     :param length: symbols in a message
     :param vocabulary_size: different symbols
+    :param channel: "discrete", where a message is made of symbols; or "continuous", where it is as wide and made of numbers:
+        ``vocabulary_size`` of them stand in the place of each symbol
     :raises ValueError: if there are no such messages
     """
 
     length: int = 2
     vocabulary_size: int = 3
+    channel: str = "discrete"
 
     def __post_init__(self) -> None:
+        if self.channel not in CHANNELS:
+            raise ValueError(f"channel={self.channel!r} is unknown: expected one of {', '.join(CHANNELS)}")
         whole = isinstance(self.length, int) and isinstance(self.vocabulary_size, int)
         if not whole or not 1 <= self.length <= MAX_LENGTH or not 2 <= self.vocabulary_size <= MAX_VOCABULARY:
             raise ValueError(
@@ -35,20 +42,45 @@ class MessageShape:
             )
 
     @property
+    def continuous(self) -> bool:
+        """Whether messages are numbers, not symbols."""
+        return self.channel == "continuous"
+
+    @property
     def count(self) -> int:
-        """Number of different messages."""
+        """
+        Number of different messages.
+
+        :raises ValueError: if the channel is continuous
+        """
+        if self.continuous:
+            raise ValueError(
+                "the messages of a continuous channel are not made of symbols, so they can't be enumerated, read or chosen: "
+                'expected an agent with channel="discrete"'
+            )
         return self.vocabulary_size**self.length
 
-    def all(self) -> th.Tensor:
+    def check_enumerable(self) -> None:
         """
-        :return: (M, length) int64, every message, in the order of its index (w0 w0, w0 w1, ...)
-        :raises ValueError: if there are more than 256
+        :raises ValueError: if there are more than 1024 messages, or the channel is continuous
         """
         if self.count > MAX_MESSAGES:
             raise ValueError(
                 f"{self.vocabulary_size}^{self.length} = {self.count} messages are too many to enumerate: "
                 f"expected at most {MAX_MESSAGES}; use shorter messages or fewer symbols to measure communication"
             )
+
+    @property
+    def frames_at_once(self) -> int:
+        """At how many frames all messages may be enumerated together."""
+        return max(1, ENUMERATED_AT_ONCE // self.count)
+
+    def all(self) -> th.Tensor:
+        """
+        :return: (M, length) int64, every message, in the order of its index (w0 w0, w0 w1, ...)
+        :raises ValueError: if there are more than 1024, or the channel is continuous
+        """
+        self.check_enumerable()
         return th.tensor(list(product(range(self.vocabulary_size), repeat=self.length)))
 
     def index(self, messages: th.Tensor) -> th.Tensor:
@@ -94,6 +126,7 @@ class MessageDecoder(nn.Module):
     """
     GRU that speaks a message of fixed length, starting from the Guide's memory. Symbols are chosen by the straight-through
     Gumbel-softmax (Jang et al. 2017) with a temperature that is learned and depends on the state, as in the authors' code.
+    A continuous channel sends the logits themselves, without noise (as Foerster et al. 2016, who add some, do in training).
 
     :param memory: width of the Guide's memory
     :param symbol: width of a symbol's embedding
@@ -106,51 +139,67 @@ class MessageDecoder(nn.Module):
         self.embedding = nn.Linear(shape.vocabulary_size, symbol, bias=False)  # takes one-hot symbols, to be differentiable
         self.cell = nn.GRUCell(symbol, memory)
         self.logits = nn.Linear(memory, shape.vocabulary_size)
-        self.inverse_temperature = nn.Linear(memory, 1)
-        # All messages are equally probable at first, and the temperature is high (4.0, of at most 5), so that gradients reach
-        # every symbol. Else all frames tend to agree on one message before it can mean anything, and stay there.
+        if not shape.continuous:
+            self.inverse_temperature = nn.Linear(memory, 1)
+            self._begin_undecided()
+
+    def _begin_undecided(self) -> None:
+        """
+        All messages are equally probable at first, and the temperature is high (4.0, of at most 5), so that gradients reach
+        every symbol. Else all frames tend to agree on one message before it can mean anything, and stay there.
+        """
         for weights in (self.logits.weight, self.logits.bias, self.inverse_temperature.weight):
             nn.init.zeros_(weights)
         nn.init.constant_(self.inverse_temperature.bias, -3.0)
 
     def forward(self, memory: th.Tensor, generator: th.Generator | None = None) -> th.Tensor:
         """
-        Speak. The result is one-hot going forward and relaxed going backward.
+        Speak. Symbols are one-hot going forward and relaxed going backward.
 
         :param memory: (K, memory)
         :param generator: source of the Gumbel noise; None means the most probable symbols, without noise
-        :return: (K, length, vocabulary_size)
+        :return: (K, length, vocabulary_size), one-hot or, in a continuous channel, any numbers
         """
         gates, hidden = gates_of_symbols(self.embedding, self.cell), memory
         symbols: list[th.Tensor] = []
         for _ in range(self.shape.length):
             before = symbols[-1] @ gates if symbols else gates[:1]  # w0 stands before the first
             hidden = next_hidden(before, hidden, self.cell)
-            logits = self.logits(hidden).log_softmax(dim=-1)
-            if generator is not None:
-                uniform = th.rand(logits.shape, generator=generator).clamp(min=th.finfo(th.float32).tiny)
-                logits = logits - (-uniform.log()).log().to(logits.device)
-            relaxed = (logits * (F.softplus(self.inverse_temperature(hidden)) + 0.2)).softmax(dim=-1)
-            hard = F.one_hot(relaxed.argmax(dim=-1), self.shape.vocabulary_size).float()
-            symbols.append(hard + relaxed - relaxed.detach())
+            symbols.append(self.logits(hidden) if self.shape.continuous else self.choose(hidden, generator))
         return th.stack(symbols, dim=1)
+
+    def choose(self, hidden: th.Tensor, generator: th.Generator | None) -> th.Tensor:
+        """
+        :param hidden: (K, memory) of the GRU
+        :param generator: see :meth:`forward`
+        :return: (K, vocabulary_size) one-hot symbol
+        """
+        logits = self.logits(hidden).log_softmax(dim=-1)
+        if generator is not None:
+            uniform = th.rand(logits.shape, generator=generator).clamp(min=th.finfo(th.float32).tiny)
+            logits = logits - (-uniform.log()).log().to(logits.device)
+        relaxed = (logits * (F.softplus(self.inverse_temperature(hidden)) + 0.2)).softmax(dim=-1)
+        hard = F.one_hot(relaxed.argmax(dim=-1), self.shape.vocabulary_size).float()
+        return hard + relaxed - relaxed.detach()
 
     def log_probs(self, memory: th.Tensor) -> th.Tensor:
         """
-        Log-probability of every message, at temperature 1 and without noise.
+        Log-probability of every message, at temperature 1 and without noise. Messages that begin alike share what was computed
+        of their beginning.
 
         :param memory: (K, memory)
         :return: (K, M)
+        :raises ValueError: as :meth:`MessageShape.all`
         """
-        messages = self.shape.all().to(memory.device)  # (M, length)
-        count, frames = len(messages), len(memory)
-        spoken = F.one_hot(messages, self.shape.vocabulary_size).float().repeat(frames, 1, 1)  # (K * M, length, V)
-        gates = gates_of_symbols(self.embedding, self.cell)
-        hidden, before, total = memory.repeat_interleave(count, dim=0), gates[:1], memory.new_zeros(frames * count)
-        for symbol in spoken.unbind(dim=1):
-            hidden, before = next_hidden(before, hidden, self.cell), symbol @ gates
-            total = total + (self.logits(hidden).log_softmax(dim=-1) * symbol).sum(dim=-1)
-        return total.view(frames, count)
+        self.shape.check_enumerable()
+        gates, hidden = gates_of_symbols(self.embedding, self.cell), memory
+        before, total = gates[:1], memory.new_zeros(len(memory))  # of every beginning: (K * beginnings,)
+        for position in range(self.shape.length):
+            if position:
+                before, hidden = gates.repeat(len(hidden), 1), hidden.repeat_interleave(self.shape.vocabulary_size, dim=0)
+            hidden = next_hidden(before, hidden, self.cell)
+            total = (total.unsqueeze(1) + self.logits(hidden).log_softmax(dim=-1)).flatten()
+        return total.view(len(memory), -1)
 
 
 class MessageEncoder(nn.Module):
@@ -170,7 +219,7 @@ class MessageEncoder(nn.Module):
 
     def forward(self, symbols: th.Tensor) -> th.Tensor:
         """
-        :param symbols: (K, length, vocabulary_size) one-hot
+        :param symbols: (K, length, vocabulary_size), as :class:`MessageDecoder` speaks them
         :return: (K, message)
         """
         gates, hidden = gates_of_symbols(self.embedding, self.gru), symbols.new_zeros(1, self.gru.hidden_size)

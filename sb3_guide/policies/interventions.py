@@ -29,10 +29,11 @@ class Intervention:
     """The message is heard as it was spoken. Others override :meth:`__call__`."""
 
     speaks_from_before: ClassVar[bool] = False  # the Guide speaks from its memory of the frame before
+    needs_symbols: ClassVar[bool] = False  # it draws or replaces them, so it has no meaning in a continuous channel
 
     def __call__(self, spoken: th.Tensor, scene: Scene, generator: th.Generator) -> th.Tensor:
         """
-        :param spoken: (K, length, vocabulary_size) one-hot
+        :param spoken: (K, length, vocabulary_size) one-hot, or numbers in a continuous channel
         :param scene: of the K frames
         :param generator: of whatever is drawn
         :return: the same for what is heard
@@ -50,6 +51,8 @@ class Silent(Intervention):
 class Uniform(Intervention):
     """Any message, all of them equally probable, whatever was spoken."""
 
+    needs_symbols = True
+
     def __call__(self, spoken: th.Tensor, scene: Scene, generator: th.Generator) -> th.Tensor:
         return one_hot(th.randint(spoken.shape[2], spoken.shape[:2], generator=generator), spoken)
 
@@ -61,6 +64,8 @@ class Marginal(Intervention):
 
     :param probabilities: (M,) of each message, in the order of its index
     """
+
+    needs_symbols: ClassVar[bool] = True
 
     probabilities: tuple[float, ...]
 
@@ -80,6 +85,8 @@ class Shuffled(Intervention):
     What was spoken at some frame of another episode of the batch, or any message where there is no other. No gradient goes
     back to the Guide, whose words reached somebody else.
     """
+
+    needs_symbols = True  # where there is no other
 
     def __call__(self, spoken: th.Tensor, scene: Scene, generator: th.Generator) -> th.Tensor:
         _, own, lengths = scene.episode.unique_consecutive(return_inverse=True, return_counts=True)
@@ -105,6 +112,8 @@ class Swapped(Intervention):
     :param position: of the symbol, from 0
     """
 
+    needs_symbols: ClassVar[bool] = True
+
     position: int = 0
 
     def __call__(self, spoken: th.Tensor, scene: Scene, generator: th.Generator) -> th.Tensor:
@@ -125,6 +134,8 @@ class Chosen(Intervention):
 
     :param symbols: of the message, such as (0, 2), or (K, length) int64 with a message for each frame
     """
+
+    needs_symbols: ClassVar[bool] = True
 
     symbols: Sequence[int] | np.ndarray
 

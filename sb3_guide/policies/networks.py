@@ -142,9 +142,27 @@ class GuideNetwork(AgentNetwork):
     def __init__(self, size: str, speaker: Speaker) -> None:
         super().__init__()
         self.speaker = speaker
-        self.intervention = Intervention()
+        self._intervention = Intervention()
         self.chance = th.Generator().manual_seed(0)  # of interventions where messages are greedy
         self.encoder = MessageEncoder(size_of(size).symbol, size_of(size).message, speaker.decoder.shape)
+
+    @property
+    def intervention(self) -> Intervention:
+        """
+        What happens to messages before they are heard.
+
+        :raises ValueError: if one is set that needs symbols, and the channel is continuous
+        """
+        return self._intervention
+
+    @intervention.setter
+    def intervention(self, intervention: Intervention) -> None:
+        if self.encoder.shape.continuous and intervention.needs_symbols:
+            raise ValueError(
+                f"{type(intervention).__name__} needs symbols, of which a continuous channel has none: expected an agent with "
+                'channel="discrete", or one of spoken, silent, delayed'
+            )
+        self._intervention = intervention
 
     def speaker_memory(self, memory: th.Tensor) -> th.Tensor:
         """
@@ -162,7 +180,7 @@ class GuideNetwork(AgentNetwork):
         raise NotImplementedError
 
     def speak(self, memory: th.Tensor, generator: th.Generator | None = None) -> th.Tensor:
-        """:return: (K, length, vocabulary_size) one-hot message at each frame"""
+        """:return: (K, length, vocabulary_size) message at each frame"""
         return self.speaker.decoder(self.speaker_memory(memory), generator)
 
     def hear(self, memory: th.Tensor, scene: Scene, generator: th.Generator | None = None) -> th.Tensor:
@@ -191,12 +209,18 @@ class Guide(GuideNetwork):
     :param size: "compact" or "paper"
     :param message_length: symbols in a message
     :param vocabulary_size: different symbols
+    :param channel: "discrete" or "continuous"
     """
 
     def __init__(
-        self, observation_space: spaces.Dict, size: str = "compact", message_length: int = 2, vocabulary_size: int = 3
+        self,
+        observation_space: spaces.Dict,
+        size: str = "compact",
+        message_length: int = 2,
+        vocabulary_size: int = 3,
+        channel: str = "discrete",
     ) -> None:
-        super().__init__(size, Speaker(observation_space, size, MessageShape(message_length, vocabulary_size)))
+        super().__init__(size, Speaker(observation_space, size, MessageShape(message_length, vocabulary_size, channel)))
         self.state_size = self.critic_dim = self.speaker.state_size
         self.features_dim = size_of(size).message
 
@@ -229,6 +253,7 @@ class GuidedLearner(GuideNetwork):
     :param guide_size: size of the Guide
     :param message_length: symbols in the Guide's messages
     :param vocabulary_size: different symbols
+    :param channel: "discrete" or "continuous"
     """
 
     def __init__(
@@ -238,8 +263,9 @@ class GuidedLearner(GuideNetwork):
         guide_size: str = "compact",
         message_length: int = 2,
         vocabulary_size: int = 3,
+        channel: str = "discrete",
     ) -> None:
-        super().__init__(size, Speaker(observation_space, guide_size, MessageShape(message_length, vocabulary_size)))
+        super().__init__(size, Speaker(observation_space, guide_size, MessageShape(message_length, vocabulary_size, channel)))
         self.learner = Learner(observation_space, size)
         self.parts = [self.learner.state_size, self.speaker.state_size]
         self.state_size = sum(self.parts)

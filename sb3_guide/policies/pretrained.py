@@ -9,7 +9,7 @@ import torch as th
 
 from sb3_guide.policies.folder import Description, read_agent
 
-UNTRAINED = {"size": "compact", "message_length": 2, "vocabulary_size": 3}
+UNTRAINED = {"size": "compact", "message_length": 2, "vocabulary_size": 3, "channel": "discrete"}
 GUIDES = ("GuidePolicy", "RecurrentGuidePolicy")
 
 
@@ -61,9 +61,15 @@ class PretrainedGuide:
         """
         A Guide that was never trained: a control with the same capacity.
 
-        :param kwargs: "message_length", "vocabulary_size" or "size", as :class:`RecurrentGuidePolicy` takes them
+        :param kwargs: "message_length", "vocabulary_size", "channel" or "size", as :class:`RecurrentGuidePolicy` takes them
         """
         return cls(Description("RecurrentGuidePolicy", {**UNTRAINED, **kwargs}, history=0))
+
+    @property
+    def form(self) -> dict[str, Any]:
+        """Size and form of messages, as the constructor of its network names them."""
+        kwargs = {"channel": "discrete", **self.description.kwargs}  # earlier versions knew no other
+        return {name: kwargs[name] for name in UNTRAINED}
 
     @property
     def carries_memory(self) -> bool:

@@ -71,7 +71,7 @@ def test_carried_memory_is_what_the_policy_had_at_the_frame():
 def test_averages_are_over_frames(monkeypatch):
     policy = make_policy(RecurrentGuidePolicy)
     th.nn.init.normal_(policy.action_net.weight)  # SB3 starts with hardly any influence
-    monkeypatch.setattr("sb3_guide.cloning.validation.FRAMES_AT_ONCE", 3)
+    monkeypatch.setattr("sb3_guide.policies.channel.ENUMERATED_AT_ONCE", 27)
     with th.no_grad():
         memory = policy.memory({"image": random_images(7), "mission": random_missions(7)})
         expected = cic(policy.channel.message_log_probs(memory), policy.listen(memory)).mean().item()
@@ -92,3 +92,9 @@ def test_a_policy_that_is_not_ours():
 def test_numbers_must_be_positive(kwargs):
     with pytest.raises(ValueError, match=r"n_frames=.* and every_n_rollouts=.*: expected at least 1"):
         CICCallback(**kwargs)
+
+
+def test_a_channel_without_symbols():
+    model = PPO("GuidePolicy", LEVEL, n_steps=16, batch_size=16, policy_kwargs={"channel": "continuous"})
+    with pytest.raises(ValueError, match="continuous channel are not made of symbols"):
+        model.learn(16, callback=[CICCallback()])

@@ -49,6 +49,12 @@ def test_an_agent_without_a_channel():
         model.learn(16, callback=LanguageCallback("GoToObj"))
 
 
+def test_a_channel_without_symbols():
+    model = PPO("GuidePolicy", GuideGridVecEnv(LEVEL, 2), n_steps=8, policy_kwargs={"channel": "continuous"})
+    with pytest.raises(ValueError, match="continuous channel are not made of symbols"):
+        model.learn(16, callback=LanguageCallback("GoToObj"))
+
+
 def test_numbers_are_positive():
     with pytest.raises(ValueError, match="n_episodes=0 and every_n_rollouts=10: expected at least 1 of each"):
         LanguageCallback("GoToObj", n_episodes=0)

@@ -32,7 +32,7 @@ def main(arguments: list[str]) -> None:
         parser.add_argument(f"--{option}")
     for option in ("demos", "params"):
         parser.add_argument(f"--{option}", action="append")
-    for option in ("renew", "freeze-guide"):
+    for option in ("renew", "freeze-guide", "obedience"):
         parser.add_argument(f"--{option}", action="store_true")
     options = parser.parse_args(arguments)
     out = Path(options.out)
@@ -60,7 +60,7 @@ def everything(options: argparse.Namespace, out: Path) -> None:
 
 def call(stage: str, level: str, out: Path, **options: object) -> None:
     out.parent.mkdir(parents=True, exist_ok=True)
-    nothing = dict.fromkeys(("folder", "agent", "seed", "split", "episodes"))
+    nothing = dict.fromkeys(("folder", "agent", "guide", "seed", "split", "episodes"))
     STAGES[stage](argparse.Namespace(**{**nothing, "stage": stage, "level": level, **options}), out)
 
 
@@ -108,7 +108,9 @@ def write_csv(path: Path, rows: list[dict[str, object]]) -> None:
 def write_agent(options: argparse.Namespace, out: Path, progress: list[dict[str, object]]) -> None:
     out.mkdir(parents=True, exist_ok=True)
     (out / "network.safetensors").write_bytes(generator(options).bytes(64))
-    write_json(out / "agent.json", {"level": options.level})
+    form = {"channel": "discrete", "message_length": 2, "vocabulary_size": 3}
+    kwargs = {"guide": form, "guided": {"guide": {"kwargs": form}}}.get(options.agent, {})
+    write_json(out / "agent.json", {"level": options.level, "kwargs": kwargs})
     write_csv(out / "progress.csv", progress)
     write_json(out / "run.json", run_json(options))
 
@@ -180,6 +182,7 @@ def analyze(options: argparse.Namespace, out: Path) -> None:
         {
             "level": options.level,
             "agent": options.folder,
+            "guide": options.guide,
             "messages": MESSAGES,
             "actions": ACTIONS,
             "counts": counts.tolist(),
@@ -195,6 +198,13 @@ def analyze(options: argparse.Namespace, out: Path) -> None:
     frames[0].save(out / "episode.gif", save_all=True, append_images=frames[1:], duration=300, loop=0)
 
 
+def speak(options: argparse.Namespace, out: Path) -> None:
+    words = [("w0 w0", "forward", 300), ("w2 w1", "left", 100)]
+    entries = [{"message": word, "action": action, "frames": frames, "means_it": True} for word, action, frames in words]
+    obedience = {"messages": 500, "raw": 0.9, "corrected": 0.8, "by_action": {"forward": 1.0, "left": 0.8}}
+    write_json(out / "speech.json", {"dictionary": entries, "obedience": obedience})
+
+
 STAGES = {
     "everything": everything,
     "expert": expert,
@@ -202,6 +212,7 @@ STAGES = {
     "clone": clone,
     "evaluate": evaluate,
     "analyze": analyze,
+    "speak": speak,
 }
 
 if __name__ == "__main__":

@@ -6,8 +6,10 @@ import sys
 import pytest
 from typer.testing import CliRunner
 
-from sb3_guide.experiments.cli import Hears, app, main
+from sb3_guide.experiments import reproduce
+from sb3_guide.experiments.cli import Hears, Page, app, main
 from sb3_guide.experiments.stages.configs import load_config
+from sb3_guide.experiments.workflow import conditions
 from sb3_guide.experts import expert_folder
 from sb3_guide.policies.interventions import INTERVENTIONS
 
@@ -94,3 +96,7 @@ def test_configs_that_cannot_be_read(tmp_path):
 
 def test_every_intervention_with_a_name_can_be_heard() -> None:
     assert [hears.value for hears in Hears] == list(INTERVENTIONS)
+
+
+def test_every_page_of_a_study_can_be_asked_for() -> None:
+    assert [page.value for page in Page] == list(conditions.PAGES) == list(reproduce.PAGES)

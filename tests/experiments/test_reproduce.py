@@ -94,6 +94,9 @@ def test_one_core_gives_the_same_summary_and_seeds_can_be_added(undisturbed: dic
     reproduce("stages", ["GoToObj"], seeds=2, cores=2, out=tmp_path)
     assert finished.stat().st_mtime_ns == before
     assert summary_of(tmp_path)["seeds"] == [0, 1]
+    analyses = {agent: tmp_path / "GoToObj" / "seed1" / "analysis" / agent / "analysis.json" for agent in ("guide", "guided")}
+    heard = {agent: json.loads(path.read_text())["guide"] for agent, path in analyses.items()}
+    assert heard == {"guide": None, "guided": "GoToObj/seed1/guide"}  # whose words' meanings are compared with the Guide's
 
 
 def test_a_run_that_is_killed_again_and_again_ends_with_the_same_summary(
@@ -179,13 +182,26 @@ def test_a_failing_stage_shows_the_end_of_its_log(
     assert (tmp_path / "report.html").exists()
 
 
-def test_the_workflow_speaks_the_command_line_of_the_stages(tmp_path: Path) -> None:
-    config = ["study=stages", "levels=[GoToObj]", "seeds=1"]
+def test_a_study_of_channels_ends_with_its_page(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.yml"
+    mine.write_text(
+        "studies: {small: {page: channel, speak: [guide, guided],"
+        " grids: [{levels: [GoToObj], conditions: [learner, guided, guided-1x2], seeds: 2}]}}"
+    )
+    reproduce("small", [], seeds=None, cores=2, out=tmp_path / "run", conditions=mine)
+    page = (tmp_path / "run" / "report" / "README.md").read_text()
+    assert page.startswith("# How much language?")
+    assert "| 2 x 3 | guided Learner | 2.0 ± 0.0 | 1.8 ± 0.0 | 2.0 ± 0.0 | 2.0 ± 0.0 | 90.0 ± 0.0 | 80.0 ± 0.0 |" in page
+
+
+@pytest.mark.parametrize(("study", "level", "count"), [("stages", "GoToObj", 10), ("channel", "GoToLocal", 2 + 31 + 24)])
+def test_the_workflow_speaks_the_command_line_of_the_stages(study: str, level: str, count: int, tmp_path: Path) -> None:
+    config = [f"study={study}", f"levels=[{level}]", "seeds=1"]
     options = ["--directory", str(tmp_path), "--config", *config, "--dry-run", "--printshellcmds"]
     snakemake = [sys.executable, "-m", "snakemake", "all", "--snakefile", str(PACKAGED), *options]
     planned = subprocess.run(snakemake, check=True, capture_output=True, text=True).stdout
     calls = re.findall(r"-m sb3_guide\.experiments\.cli (.*) > log/", planned)
-    assert len(calls) == 10
+    assert len(calls) == count
     stages = get_command(app)
     assert isinstance(stages, TyperGroup)
     for name, *arguments in map(shlex.split, calls):

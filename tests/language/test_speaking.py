@@ -11,10 +11,12 @@ from stable_baselines3 import PPO
 import sb3_guide
 from sb3_guide.cloning import mission_seeds, play
 from sb3_guide.envs import ACTIONS
-from sb3_guide.language import ablate, ablations, learn, obey, perform, read, steps_of
+from sb3_guide.language import ablate, ablations, learn, obey, overhear, perform, read, steps_of
 from sb3_guide.language.analysis import change, structure
 from sb3_guide.metrics import obedience
+from sb3_guide.policies import RecurrentGuidePolicy
 from sb3_guide.policies.interventions import Intervention
+from tests.policies.helpers import make_policy
 
 LEVEL, PAGE = "GoToLocal", Path(__file__).parents[2] / "docs" / "language.md"
 
@@ -113,11 +115,27 @@ def test_an_agent_without_a_channel():
         sb3_guide.speak(model, model.get_env().reset(), "w0 w0")
 
 
+def test_a_channel_without_symbols():
+    policy = make_policy(RecurrentGuidePolicy, channel="continuous")
+    obs = sb3_guide.GuideGridVecEnv(LEVEL, n_envs=1, history=0, seed=0).reset()
+    for ask in (read, overhear, lambda *of: perform(*of, np.zeros((1, 2), dtype=np.int64))):
+        with pytest.raises(ValueError, match="continuous channel are not made of symbols"):
+            ask(policy, LEVEL, mission_seeds("validation", 2))
+    with pytest.raises(ValueError, match="Chosen needs symbols, of which a continuous channel has none"):
+        sb3_guide.speak(policy, obs, "w0 w0")
+
+
 def test_choreographies_with_typos(dictionary):
     with pytest.raises(ValueError, match="step 'lefft' is unknown: expected one of left, right"):
         steps_of("left, lefft", dictionary)
     with pytest.raises(ValueError, match="is empty"):
         steps_of("# nothing\n", dictionary)
+
+
+def test_what_is_overheard_is_what_is_read(policy, reading):
+    overheard = overhear(policy, LEVEL, reading.episodes.seeds)
+    assert np.array_equal(overheard.counts, learn(reading).counts)
+    assert (overheard.shape, overheard.actions) == (reading.shape, reading.actions)
 
 
 def test_ablations_are_paired_and_repeatable(policy, reading):

@@ -70,7 +70,7 @@ def test_names_are_not_code(recordings):
 
 
 def test_recording_changes_nothing(session, recordings):
-    env = session.seats[0].episode.env
+    env = session.seats[0].episode.scene.env
     before = env.render()
     assert len(list(recordings[0].worlds)) == 4
     assert np.array_equal(recordings[0].worlds[-1], before)

@@ -21,7 +21,7 @@ def run(monkeypatch, *arguments: str) -> None:
     [
         (["nowhere"], "nowhere is no agent's folder"),
         ([str(expert_folder("GoToObj"))], "sends no messages: expected a GuidePolicy or a GuidedLearnerPolicy"),
-        (["--level", "GoToMars"], "unknown level 'GoToMars'"),
+        (["--level", "GoToMars"], "unknown environment 'GoToMars': expected a level ("),
         (["pretrained"], "which of the shipped agents? expected --level"),
         (["--host", "203.0.113.1"], "can't listen at 203.0.113.1:8080 (Cannot assign requested address)"),
         (["--export", ".", "--episodes", "2"], "is a folder: expected a file to write, such as episodes.html"),

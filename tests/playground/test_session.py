@@ -79,7 +79,7 @@ def test_agents_with_a_window_for_a_memory(tmp_path):
     session.step()
     session.back()
     assert same(before, seat.episode.now)
-    assert all(np.array_equal(before.world[name], array) for name, array in seat.episode.env.get_state().items())
+    assert all(np.array_equal(before.world[name], array) for name, array in seat.episode.scene.env.get_state().items())
 
 
 def test_back_is_exact(cast):
@@ -91,7 +91,7 @@ def test_back_is_exact(cast):
     for _ in range(3):
         session.back()
     assert same(seat.episode.now, once[2])
-    assert all(np.array_equal(once[2].world[name], array) for name, array in seat.episode.env.get_state().items())
+    assert all(np.array_equal(once[2].world[name], array) for name, array in seat.episode.scene.env.get_state().items())
     for message in (None, 4, 8):
         session.step({} if message is None else {0: message})
     assert all(same(a, b) for a, b in zip(once, seat.episode.moments, strict=True))
@@ -144,7 +144,7 @@ def test_the_mission_of_a_person(cast):
     while not session.ended:
         session.step()
     assert session.seats[0].episode.now.outcome == "fulfilled"
-    assert session.seats[0].episode.env.mission == "go to the grey key"
+    assert session.seats[0].episode.scene.env.mission == "go to the grey key"
     away = Episode(cast.speaker(GUIDED), Beginning("GoToLocal", 3, "go to the yellow ball"))
     assert "is not there" in shown(away, 0, 0, False).status
 

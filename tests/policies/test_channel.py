@@ -1,4 +1,4 @@
-"""The discrete channel."""
+"""The channel."""
 
 import pytest
 import torch as th
@@ -6,6 +6,7 @@ import torch as th
 from sb3_guide.policies.channel import MessageDecoder, MessageEncoder, MessageShape
 
 SHAPE = MessageShape(length=2, vocabulary_size=3)
+NUMBERS = MessageShape(length=2, vocabulary_size=3, channel="continuous")
 
 
 @pytest.fixture
@@ -83,5 +84,42 @@ def test_a_channel_needs_symbols(length, vocabulary_size):
 
 
 def test_too_many_messages_are_not_enumerated():
-    with pytest.raises(ValueError, match=r"3\^6 = 729 messages are too many.*at most 256"):
-        MessageShape(6, 3).all()
+    with pytest.raises(ValueError, match=r"3\^7 = 2187 messages are too many.*at most 1024"):
+        MessageShape(7, 3).all()
+
+
+def test_a_continuous_message_is_as_wide_and_has_no_noise():
+    decoder, encoder, memory = MessageDecoder(8, 4, NUMBERS), MessageEncoder(4, 6, NUMBERS), th.randn(5, 8)
+    message = decoder(memory)
+    assert message.shape == (5, 2, 3)
+    assert th.equal(message, decoder(memory, th.Generator()))
+    assert len(message.unique(dim=0)) == 5
+    assert encoder(message).shape == (5, 6)
+
+
+def test_a_continuous_channel_has_the_gradients_of_its_numbers():
+    decoder, encoder = MessageDecoder(8, 4, NUMBERS).double(), MessageEncoder(4, 6, NUMBERS).double()
+    memory = th.randn(3, 8, dtype=th.double, requires_grad=True)
+    assert th.autograd.gradcheck(lambda memory: encoder(decoder(memory)), memory)
+    encoder(decoder(memory)).sum().backward()
+    assert all(weight.grad is not None and weight.grad.abs().sum() > 0 for weight in decoder.parameters())
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda: NUMBERS.count,
+        NUMBERS.all,
+        NUMBERS.names,
+        lambda: MessageDecoder(8, 4, NUMBERS).log_probs(th.randn(5, 8)),
+        MessageEncoder(4, 6, NUMBERS).all,
+    ],
+)
+def test_numbers_are_not_enumerated(ask):
+    with pytest.raises(ValueError, match=r"continuous channel are not made of symbols.*: expected .*channel=\"discrete\""):
+        ask()
+
+
+def test_an_unknown_channel():
+    with pytest.raises(ValueError, match="channel='analog' is unknown: expected one of discrete, continuous"):
+        MessageShape(channel="analog")

@@ -213,3 +213,25 @@ def test_a_reader_has_the_guides_words_and_another_way_of_reading_them(tmp_path)
         make_policy(RecurrentGuidePolicy, guide=tmp_path, message_length=3)
     with pytest.raises(ValueError, match="can't hear a RecurrentGuidePolicy"):
         make_policy(GuidePolicy, guide=tmp_path)
+
+
+@pytest.mark.parametrize("name", ["uniform", "shuffled", "swapped"])
+def test_what_needs_symbols_has_no_meaning_without_them(name):
+    numbers = PretrainedGuide.untrained(channel="continuous")
+    with pytest.raises(ValueError, match=r"needs symbols, of which a continuous channel has none: expected .*silent, delayed"):
+        make_policy(RecurrentGuidedLearnerPolicy, guide=numbers, hears=name)
+    policy = make_policy(RecurrentGuidedLearnerPolicy, guide=numbers)
+    for intervention in (intervention_of(name), Chosen((0, 1)), Marginal((1.0,))):
+        with pytest.raises(ValueError, match="needs symbols"), policy.hearing(intervention):
+            pass
+    assert policy.channel.intervention == Intervention()
+
+
+@pytest.mark.parametrize("name", ["silent", "delayed"])
+def test_silence_and_delay_need_no_symbols(name):
+    numbers = PretrainedGuide.untrained(channel="continuous")
+    usual, changed = (
+        log_probs_of_two_episodes(make_policy(RecurrentGuidedLearnerPolicy, guide=numbers, hears=hears))[0]
+        for hears in ("spoken", name)
+    )
+    assert not th.allclose(usual, changed)

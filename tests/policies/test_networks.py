@@ -36,14 +36,23 @@ def test_the_guides_actions_are_a_function_of_its_message_alone(window, size):
         assert th.allclose(policy.listen(memory), of_message.expand(4, 9, 7), atol=1e-6)
 
 
+def test_the_guides_actions_are_a_function_of_its_numbers_alone(window, monkeypatch):
+    policy = make_policy(GuidePolicy, channel="continuous")
+    with th.no_grad():
+        assert len(action_log_probs(policy, window).unique(dim=0)) == 4
+        monkeypatch.setattr(policy.channel, "speak", lambda memory, generator=None: th.ones(len(memory), 2, 3))
+        assert len(action_log_probs(policy, window).unique(dim=0)) == 1
+
+
 def test_sb3_leaves_the_channels_initialisation_alone(window):
     policy = make_policy(GuidePolicy)
     with th.no_grad():
         assert th.allclose(policy.message_log_probs(window).exp(), th.tensor(1 / 9), atol=1e-6)
 
 
-def test_no_gradient_reaches_the_guides_memory_but_through_the_message(window, monkeypatch):
-    policy = make_policy(GuidePolicy)
+@pytest.mark.parametrize("channel", ["discrete", "continuous"])
+def test_no_gradient_reaches_the_guides_memory_but_through_the_message(window, monkeypatch, channel):
+    policy = make_policy(GuidePolicy, channel=channel)
     speak = policy.channel.speak
     monkeypatch.setattr(policy.channel, "speak", lambda memory, generator=None: speak(memory, generator).detach())
     action_log_probs(policy, window)[:, 0].sum().backward()

@@ -15,6 +15,7 @@ from sb3_guide.policies import (
     GuidedLearnerPolicy,
     GuidePolicy,
     LearnerPolicy,
+    MessageShape,
     PretrainedGuide,
     RecurrentGuidedLearnerPolicy,
     RecurrentGuidePolicy,
@@ -45,6 +46,7 @@ def same(one: AgentPolicy, other: AgentPolicy, obs) -> bool:
         (LearnerPolicy, {}),
         (LearnerPolicy, {"net_arch": [16], "activation_fn": th.nn.ReLU}),
         (GuidePolicy, {"message_length": 3, "vocabulary_size": 2}),
+        (GuidePolicy, {"channel": "continuous"}),
     ],
 )
 def test_an_agents_folder_holds_all_of_it(tmp_path, window, policy_class, kwargs):
@@ -251,3 +253,14 @@ def test_an_unknown_size():
 def test_an_agent_without_a_channel(window):
     with pytest.raises(ValueError, match="LearnerPolicy sends no messages"):
         make_policy(LearnerPolicy).message_log_probs(window)
+
+
+def test_a_guided_learner_takes_the_form_of_its_guides_messages(tmp_path, window):
+    save_agent(make_policy(GuidePolicy, message_length=1, vocabulary_size=5, channel="continuous"), tmp_path / "guide")
+    save_agent(policy := make_policy(GuidedLearnerPolicy, guide=tmp_path / "guide"), tmp_path / "guided")
+    loaded = load_agent(tmp_path / "guided")
+    assert same(policy, loaded, window)
+    assert loaded.channel.encoder.shape == MessageShape(1, 5, "continuous")
+    assert not loaded.has_symbols
+    with pytest.raises(ValueError, match=r"the Guide has .*'continuous'.*: expected .*'discrete'"):
+        make_policy(GuidePolicy, guide=tmp_path / "guide", message_length=1, vocabulary_size=5)

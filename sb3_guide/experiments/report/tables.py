@@ -4,10 +4,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from sb3_guide.experiments.stages.runs import intact, read_table, write_table
 from sb3_guide.files import read_json
+from sb3_guide.policies.folder import AGENT
 
 CURVE = ("episodes", "success_rate", "loss", "cic", "uniform_cic", "message_entropy")
+FORM = ("channel", "message_length", "vocabulary_size")
 
 
 def write_tables(runs: Path, out: Path) -> None:
@@ -59,6 +63,43 @@ def final(runs: Path, level: str, condition: str, seed: int) -> dict[str, Any]:
         "success_rate": evaluation["success_rate"],
         "mean_length": round(evaluation["mean_length"], 3),
         "seconds": run["seconds"],
+        **channel(folder, run.get("guide")),
+        **speech(folder.parent / "speech" / condition / "speech.json"),
+    }
+
+
+def channel(folder: Path, guide: str | None) -> dict[str, Any]:
+    """
+    :param folder: of an agent
+    :param guide: folder of the Guide that it hears, as its run has it
+    :return: the condition of that Guide, and the form of the messages; nothing of an agent without a channel
+    """
+    own = read_json(folder / AGENT)["kwargs"]
+    speaker = own["guide"]["kwargs"] if "guide" in own else own
+    if "message_length" not in speaker:
+        return {}
+    form = {"channel": "discrete", **{name: speaker[name] for name in FORM if name in speaker}}
+    return {"guide": "" if guide is None else Path(guide).name, **form}
+
+
+def speech(path: Path) -> dict[str, Any]:
+    """
+    :param path: of a speech.json, which need not exist
+    :return: how many messages the agent uses, the entropy of that use in nats, how many of them mean an action, how many
+        actions they mean, and how far it obeys
+    """
+    if not path.exists():
+        return {}
+    found = read_json(path)
+    words, obedience = [entry for entry in found["dictionary"] if entry["means_it"]], found["obedience"]
+    share = np.array([entry["frames"] for entry in found["dictionary"]]) / sum(e["frames"] for e in found["dictionary"])
+    return {
+        "messages_used": len(share),
+        "usage_entropy": round(float(-(share * np.log(share)).sum()), 5),
+        "words": len(words),
+        "actions_meant": len({entry["action"] for entry in words}),
+        "obeyed": obedience["raw"],
+        "beyond_chance": None if obedience["corrected"] is None else round(obedience["corrected"], 5),
     }
 
 

@@ -23,7 +23,6 @@ from sb3_guide.experiments.stages.runs import Run, digest, stage, use_threads, w
 from sb3_guide.files import parse_yaml
 from sb3_guide.policies import AgentPolicy, PretrainedGuide, save_agent
 from sb3_guide.policies.folder import NETWORK
-from sb3_guide.policies.networks import GuideNetwork
 from sb3_guide.policies.recurrent import RecurrentGuidedLearnerPolicy, RecurrentGuidePolicy, RecurrentLearnerPolicy
 from sb3_guide.policies.saving import start_from
 
@@ -181,7 +180,7 @@ def shared_config(levels: Sequence[str], file: Path | None) -> dict[str, Any]:
 def override(config: dict[str, Any], params: Sequence[str]) -> dict[str, Any]:
     """
     :param config: the level's entry of bc.yml
-    :param params: such as "n_epochs:5"
+    :param params: such as "n_epochs:5"; a mapping such as "policy_kwargs:{message_length: 1}" changes what it names
     :return: the entry with those values instead
     :raises ValueError: if there is no such hyper-parameter, or its value is no YAML or out of range
     """
@@ -189,9 +188,12 @@ def override(config: dict[str, Any], params: Sequence[str]) -> dict[str, Any]:
     if unknown := changes.keys() - config.keys():
         raise ValueError(f"--params {', '.join(sorted(unknown))} are unknown: expected NAME:VALUE of {', '.join(config)}")
     try:
-        overridden = {**config, **{name: parse_yaml(value) for name, value in changes.items()}}
+        values = {name: parse_yaml(value) for name, value in changes.items()}
     except ValueError as error:
         raise ValueError(f"--params {', '.join(params)}: expected values in YAML ({error})") from error
+    for name, value in values.items():
+        values[name] = {**config[name], **value} if isinstance(config[name], dict) and isinstance(value, dict) else value
+    overridden = {**config, **values}
     check_numbers(overridden)
     return overridden
 
@@ -264,9 +266,9 @@ class Cloning:
         return loss.generator
 
     def show(self) -> None:
-        """From now on, show each validation in TensorBoard, and pictures of an agent with a channel."""
+        """From now on, show each validation in TensorBoard, and pictures of an agent whose messages have symbols."""
         self.validation.logger = Logger(None, [TensorBoardOutputFormat(str(self.out / "tensorboard"))])
-        if isinstance(self.policy.network, GuideNetwork):
+        if self.policy.has_symbols:
             self.pictures = LanguagePictures(self.policy, self.level.split("+")[0], self.validation.logger)
 
     def train(self) -> None:

@@ -12,7 +12,7 @@ from sb3_guide.envs import ACTIONS, GuideGridEnv, is_level
 from sb3_guide.experiments.stages.levels import level_of_agent
 from sb3_guide.experiments.stages.runs import record, use_threads
 from sb3_guide.files import write_json
-from sb3_guide.language import CHOREOGRAPHIES, Dictionary, danced, learn, obey, perform, read, steps_of
+from sb3_guide.language import CHOREOGRAPHIES, Dictionary, danced, obey, overhear, perform, steps_of
 from sb3_guide.language.pictures import save_figure, walk_figure
 from sb3_guide.metrics import obedience
 from sb3_guide.policies import AgentPolicy, load_agent
@@ -49,7 +49,7 @@ def speak_to(
     use_threads(threads)
     started = time.monotonic()
     level, policy = level_of_agent(agent, level), load_agent(agent)
-    dictionary = learn(read(policy, level, mission_seeds("validation", LEARNED_ON)))
+    dictionary = overhear(policy, level, mission_seeds("validation", LEARNED_ON))
     print(in_words(dictionary))
     found: dict[str, Any] = {"dictionary": entries(dictionary)}
     script = ", ".join(say) if say else None if choreography is None else text_of(choreography, dictionary)
@@ -188,7 +188,13 @@ def moves(env: GuideGridEnv, action: int) -> bool:
 
 
 def measured(policy: AgentPolicy, level: str, dictionary: Dictionary, seed: int) -> dict[str, Any]:
-    """:return: obedience on missions that the dictionary does not know, raw, corrected for chance, and by action"""
+    """
+    :return: obedience on missions that the dictionary does not know, raw, corrected for chance, and by action; None of an
+        agent whose messages mean nothing
+    """
+    if (dictionary.meanings < 0).all():
+        print("no message means anything, so there is nothing to obey")
+        return {"messages": 0, "raw": None, "corrected": None, "by_action": {}}
     meant, taken = obey(policy, level, dictionary, mission_seeds("analysis", WORLDS), np.random.default_rng(seed))
     raw, corrected = obedience(meant, taken)
     names = dictionary.actions

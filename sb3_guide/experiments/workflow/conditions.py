@@ -1,5 +1,6 @@
 """Conditions and studies: which runs of stages 2 and 3 there are, as conditions.yml says."""
 
+import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -16,6 +17,7 @@ from sb3_guide.policies.interventions import intervention_of
 
 PACKAGED = Path(__file__).with_name("conditions.yml")
 EXPERTS = ("trained", "pretrained")
+PAGES = ("guidance", "channel")
 NAME = re.compile(r"[A-Za-z0-9+-]+")  # of a condition: it becomes part of paths and of commands
 MAX_SEEDS = 1000
 
@@ -80,17 +82,24 @@ class Study:
     :param grids: whose runs it has
     :param expert: "trained" along, or the "pretrained" one that is shipped
     :param analyze: conditions whose agents are analysed
+    :param speak: conditions whose agents are spoken to, to tell which messages they use and how far they obey
+    :param page: which of PAGES the finished runs are reported on
     :raises TypeError: if something is of another type
+    :raises ValueError: if there is no such expert or page
     """
 
     grids: list[Grid]
     expert: str = "pretrained"
     analyze: list[str] = field(default_factory=list)
+    speak: list[str] = field(default_factory=list)
+    page: str = "guidance"
 
     def __post_init__(self) -> None:
         check_types(self)
         if self.expert not in EXPERTS:
             raise ValueError(f"expert {self.expert!r} is unknown: expected one of {', '.join(EXPERTS)}")
+        if self.page not in PAGES:
+            raise ValueError(f"page {self.page!r} is unknown: expected one of {', '.join(PAGES)}")
 
 
 class Run(NamedTuple):
@@ -180,7 +189,7 @@ class Catalogue(NamedTuple):
 
     def params(self, run: Run) -> list[str]:
         """:return: hyper-parameters to override, as the command line takes them"""
-        return [f"{name}:{value}" for name, value in self.conditions[run.condition].params.items()]
+        return [f"{name}:{json.dumps(value)}" for name, value in self.conditions[run.condition].params.items()]
 
     def options(self, run: Run) -> list[str]:
         """:return: what the command line of `sb3-guide clone` says of a run, beyond level, seed and folders of its own"""
@@ -225,6 +234,7 @@ def load_catalogue(file: Path | None = None) -> Catalogue:
     used = [
         *(reference for condition in conditions.values() for reference in condition.references()),
         *(name for study in studies.values() for grid in study.grids for name in grid.conditions),
+        *(name for study in studies.values() for name in (*study.analyze, *study.speak)),
     ]
     for name in used:
         if name.partition("@")[0] not in conditions:

@@ -50,8 +50,8 @@ function panel(seat) {
       element("h2", "", seat.agent, element("span", "soft", seat.kind)),
       element("p", "mission", moment.mission), element("p", "soft", moment.status)),
     element("div", seat.layout,
-      picture(moment.world, "The world as you see it. Lighter: what the agent sees.", "the world from above"),
-      picture(moment.view, "All that the agent sees. It stands below, looking up.", "the view of the agent")),
+      picture(moment.world, seat.captions.world, "the world"),
+      picture(moment.view, seat.captions.view, "the view of the agent")),
     element("div", "speech", speech,
       element("div", "messages", element("div", "head", ...head.map((text) => element("span", "", text))), ...moment.lines.map(row))),
     element("ol", "past", ...turns));

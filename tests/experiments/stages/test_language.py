@@ -69,6 +69,15 @@ def test_an_agent_that_takes_one_action_only_is_not_corrected_for_chance(tmp_pat
     assert "obeyed 100.0% of 3 messages; as it only ever took one action" in capsys.readouterr().out
 
 
+def test_an_agent_whose_messages_mean_nothing_is_not_asked_to_obey(tmp_path, monkeypatch, capsys):
+    silent = Dictionary(MessageShape(), np.zeros((9, len(ACTIONS)), dtype=np.int64))
+    monkeypatch.setattr(speak, "overhear", lambda *_: silent)
+    speak_to(say=[], choreography=None, measure=True, out=tmp_path, **GUIDED)
+    found = json.loads((tmp_path / "speech.json").read_text())
+    assert found["obedience"] == {"messages": 0, "raw": None, "corrected": None, "by_action": {}}
+    assert "there is nothing to obey" in capsys.readouterr().out
+
+
 def test_unknown_choreographies_and_words(tmp_path):
     arguments = {"measure": False, "out": tmp_path / "out", **GUIDED}
     with pytest.raises(FileNotFoundError, match="there is no choreography 'polka': expected pirouette, waltz"):

@@ -27,6 +27,7 @@ from sb3_guide.experiments.stages.runs import read_table
 from sb3_guide.policies import (
     GuidePolicy,
     LearnerPolicy,
+    MessageShape,
     RecurrentGuidedLearnerPolicy,
     RecurrentGuidePolicy,
     RecurrentLearnerPolicy,
@@ -256,6 +257,21 @@ def test_controls(demos, tmp_path):
         assert (tmp_path / name / "evaluation.json").exists()
 
 
+def test_a_channel_without_symbols(demos, tmp_path):
+    """Hyper-parameters within policy_kwargs are overridden one by one; nothing is enumerated, shown or kept for its CIC."""
+    config = write_config(tmp_path / "bc.yml", BC | {"n_epochs": 1, "policy_kwargs": {"message_length": 1, "size": "compact"}})
+    shared = {"level": "GoToObj", "demos": [demos], "seed": 0, "threads": 1, "resume": False, "config_file": config}
+    clone("guide", out=tmp_path / "guide", params=["policy_kwargs:{channel: continuous}"], tensorboard=True, **shared)
+    shared["config_file"] = write_config(tmp_path / "guided.yml", BC | {"n_epochs": 1})
+    clone("guided", out=tmp_path / "guided", guide=str(tmp_path / "guide"), **shared)
+    for agent in ("guide", "guided"):
+        assert load_agent(tmp_path / agent).channel.encoder.shape == MessageShape(1, 3, "continuous")
+        assert all("cic" not in row for row in read_table(tmp_path / agent / "progress.csv"))
+        assert not (tmp_path / agent / "highest_cic").exists()
+        with pytest.raises(ValueError, match="continuous channel are not made of symbols"):
+            analyze(tmp_path / agent, None, None, None, tmp_path / "analysis", threads=1, n_episodes=2)
+
+
 def test_levels_are_pooled(demos, tmp_path):
     other = tmp_path / "other"
     for split in ("train", "validation"):
@@ -399,6 +415,11 @@ def test_a_callback_that_is_not_ours(tmp_path):
             {"agent": "learner", "params": ["epochs:1"]},
             "--params epochs are unknown: expected NAME:VALUE of analysis_episodes",
         ),
+        (
+            {"agent": "learner", "params": ["policy_kwargs:{message_length: 2}"]},
+            r"can't be used \(TypeError: .*'message_length'\)",
+        ),
+        ({"agent": "guide", "params": ["policy_kwargs:{channel: analog}"]}, "channel='analog' is unknown: expected one of"),
         ({"agent": "learner", "params": ["n_epochs:["]}, r"--params n_epochs:\[: expected values in YAML"),
         (
             {"agent": "learner", "params": ["batch_size:1000000000"]},
@@ -410,7 +431,7 @@ def test_a_callback_that_is_not_ours(tmp_path):
     ],
 )
 def test_wrong_arguments(arguments, message, demos, tmp_path):
-    config = write_config(tmp_path / "bc.yml", BC)
+    config = write_config(tmp_path / "bc.yml", BC | {"policy_kwargs": {"ortho_init": False}})
     usual = {"level": "GoToObj", "demos": [demos], "seed": 0, "threads": 1, "resume": False, "config_file": config}
     with pytest.raises(ValueError, match=message):
         clone(out=tmp_path / "out", **{**usual, **arguments})

@@ -1,12 +1,16 @@
 """Conditions and studies as data."""
 
+import re
 from pathlib import Path
 
 import pytest
 import yaml
 
-from sb3_guide.experiments.stages.clone import AGENTS, guide_kwargs
+from sb3_guide.experiments.stages.clone import AGENTS, guide_kwargs, override
+from sb3_guide.experiments.stages.configs import load_config
 from sb3_guide.experiments.workflow.conditions import Run, load_catalogue
+
+PAGE = Path(__file__).parents[3] / "docs" / "conditions.md"
 
 
 def write(path: Path, **content: object) -> Path:
@@ -41,6 +45,17 @@ def test_a_run_in_words_of_the_command_line() -> None:
     assert catalogue.options(Run("GoToObj", 1, "reader")) == [
         *("--agent", "guide", "--guide", "GoToObj/seed1/guide", "--freeze-guide")
     ]
+
+
+def test_hyper_parameters_in_words_of_the_command_line() -> None:
+    catalogue = load_catalogue()
+    run = Run("GoToLocal", 0, "guide-continuous-1x2")
+    assert catalogue.params(run) == [
+        *("n_epochs:12", "validate_every:2"),
+        'policy_kwargs:{"message_length": 1, "vocabulary_size": 2, "channel": "continuous"}',
+    ]
+    config = override(load_config("bc", "GoToLocal"), catalogue.params(run))
+    assert config["policy_kwargs"] == {"ortho_init": False, "message_length": 1, "vocabulary_size": 2, "channel": "continuous"}
 
 
 def test_levels_and_seeds_select() -> None:
@@ -78,6 +93,8 @@ def test_a_study_of_ones_own(tmp_path: Path) -> None:
             r"conditions is 'learner': expected list\[str",
         ),
         ({"studies": {"x": {"grids": [], "expert": "wise"}}}, "expert 'wise' is unknown: expected one of trained"),
+        ({"studies": {"x": {"grids": [], "page": "last"}}}, "page 'last' is unknown: expected one of guidance, channel"),
+        ({"studies": {"x": {"grids": [], "speak": ["tour"]}}}, "condition 'tour' is unknown: expected one of learner"),
         ({"conditions": {"x": {"agent": ["guide"]}}}, r"agent is \['guide'\]: expected str"),
         ({"conditions": {"../x; rm -r": {"agent": "guide"}}}, "expected a name of letters, digits"),
         (
@@ -104,6 +121,13 @@ def test_what_is_no_condition(content: dict[str, object], message: str, tmp_path
 def test_wrong_questions(study: str, levels: list[str], seeds: int | None, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         load_catalogue().runs(study, levels, seeds)
+
+
+@pytest.mark.parametrize(("file", "study"), [("mine.yml", "mine"), ("forms.yml", "forms")])
+def test_the_examples_of_the_docs(file: str, study: str, tmp_path: Path) -> None:
+    (example,) = re.findall(rf"```yaml\n# {file}\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
+    (tmp_path / file).write_text(example)
+    assert load_catalogue(tmp_path / file).runs(study)
 
 
 def test_a_level_without_a_shipped_expert(tmp_path: Path) -> None:
