@@ -9,7 +9,7 @@ in finals.csv is not run again; with --seeds 0, nothing is.
 """
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple
@@ -20,6 +20,7 @@ import typer
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 from sb3_contrib import RecurrentPPO
+from scipy.stats import gmean
 
 from benchmarks.experts import of_expert
 from sb3_guide import GuideGridVecEnv, PretrainedGuide
@@ -186,18 +187,19 @@ def run_table(finals: pd.DataFrame, level: str) -> Iterator[str]:
         if len(runs):
             took = [spread(runs[f"frames_to_{percent}"]) for percent in EPISODES_OF]
             speed = runs["frames"].sum() / runs["cpu_seconds"].sum()
-            rates = "{:.1%} ({:.1%} to {:.1%})".format(*runs["greedy"].agg(["mean", "min", "max"]))
-            yield f"| {' | '.join([name, str(len(runs)), *took, spread(runs['cpu_to_90']), f'{speed:,.0f}', rates])} |"
+            greedy = spread(runs["greedy"], ".1%", np.mean)
+            yield f"| {' | '.join([name, str(len(runs)), *took, spread(runs['cpu_to_90']), f'{speed:,.0f}', greedy])} |"
 
 
-def spread(values: pd.Series) -> str:
-    """:return: geometric mean of what is known, lowest and highest; and of how many seeds that is, where it is not all"""
+def spread(values: pd.Series, form: str = ",.0f", mean: Callable[[pd.Series], float] = gmean) -> str:
+    """:return: mean of what is known, lowest and highest; and of how many seeds that is, where it is not all"""
     known = values.dropna()
     if known.empty:
         return "never"
-    mean = np.exp(np.log(known).mean())
-    some = f", {len(known)} of {len(values)}" if len(known) < len(values) else ""
-    return f"{mean:,.0f} ({known.min():,.0f} to {known.max():,.0f}{some})"
+    ends = [f"{known.min():{form}} to {known.max():{form}}"] if len(known) > 1 else []
+    some = [f"{len(known)} of {len(values)}"] if len(known) < len(values) else []
+    about = f" ({', '.join(ends + some)})" if ends or some else ""
+    return f"{mean(known):{form}}{about}"
 
 
 def contrast_table(finals: pd.DataFrame, level: str) -> Iterator[str]:
@@ -210,7 +212,9 @@ def contrast_table(finals: pd.DataFrame, level: str) -> Iterator[str]:
         cells = [f"{pair[0].a} / {pair[0].b}", str(pair[0].seeds)]
         for contrast, p_value in zip(pair, p_of_pair, strict=True):
             ratio, low, high = np.exp([contrast.difference, contrast.low, contrast.high])
-            cells += [f"{ratio:.2f} ({low:.2f} to {high:.2f})", f"{p_value:.2g}", verdict(contrast, p_value)]
+            of_seeds = f" ({low:.2f} to {high:.2f})" if np.isfinite(low) else ""
+            p = f"{p_value:.2g}" if np.isfinite(p_value) else "-"
+            cells += [f"{ratio:.2f}{of_seeds}", p, verdict(contrast, p_value)]
         yield f"| {' | '.join(cells)} |"
 
 
@@ -250,13 +254,15 @@ def draw(curves: pd.DataFrame) -> Figure:
                 panel.plot(run["frames"].iloc[-1:], run["success_200"].iloc[-1:], "o", color=condition.colour, markersize=3)
         panel.set_title(level, fontsize=10, loc="left")
         panel.set_xscale("log")
+        panel.set_xticks([10_000, 30_000, 100_000, 300_000], ["10,000", "30,000", "100,000", "300,000"])
+        panel.set_xticks([], minor=True)
         panel.set_xlabel("frames")
         panel.set_ylim(0, 1.02)
         panel.yaxis.set_major_formatter(PercentFormatter(1))
         panel.spines[["top", "right"]].set_visible(False)
     figure.axes[0].set_ylabel("of the last 200 episodes solved")
     lines = {line.get_label(): line for panel in figure.axes for line in panel.get_legend_handles_labels()[0]}
-    figure.legend(handles=lines.values(), loc="outside lower center", ncols=len(lines), frameon=False, fontsize=9)
+    figure.legend(handles=lines.values(), loc="outside lower center", ncols=4, frameon=False, fontsize=9)
     return figure
 
 
@@ -268,7 +274,8 @@ def main(
 ) -> None:
     """Run what is missing, one seed of all these conditions after the other, and write the page."""
     use_threads(1)
-    model_of(EASIER, CONDITIONS["learner"], 0).learn(1)  # compiles the engine, once on a machine, which counts for no run
+    if seeds:  # the engine is compiled once on a machine, which counts for no run
+        model_of(EASIER, CONDITIONS["learner"], 0).learn(1)
     out.mkdir(parents=True, exist_ok=True)
     finals = out / "finals.csv"
     for level in levels:

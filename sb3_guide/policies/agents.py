@@ -120,14 +120,15 @@ class GuideAgent(SpeakingAgent):
     def exploring_distribution(self, latent: Latent) -> Distribution:
         """
         Messages are drawn as well as actions: P(a) is the sum over all messages of P(m) P(a | m), exactly, so that nothing has
-        to go through the straight-through gradient, which dies where messages are certain. Where messages are too many to
-        enumerate, or don't arrive as they were spoken, they are the most probable ones.
+        to go through the straight-through gradient, which dies where messages are certain. Where messages can't be enumerated,
+        or don't arrive as they were spoken, they are the most probable ones.
 
         :param latent: of K frames
         :return: distribution of K actions
         """
         encoder = self.channel.encoder
-        if encoder.shape.count > MAX_MESSAGES or self.channel.intervention != Intervention():
+        heard_as_spoken = self.channel.intervention == Intervention()
+        if not (self.has_symbols and encoder.shape.count <= MAX_MESSAGES and heard_as_spoken):
             return self.action_distribution(latent)
         spoken = self.channel.message_log_probs(latent.vf).unsqueeze(2)  # (K, M, 1); the critic reads the memory
         heard = self.action_net(self.mlp_extractor.policy_net(encoder.all())).log_softmax(dim=-1)  # (M, A)

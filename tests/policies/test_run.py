@@ -76,8 +76,8 @@ def test_a_guide_that_learns_from_reward_draws_its_messages(policy_class, window
         assert th.allclose(log_prob.exp(), heard[:, 0, 6], atol=1e-6)
 
 
-def test_a_guide_with_more_messages_than_can_be_enumerated_learns_too():
-    kwargs = {"message_length": 6, "vocabulary_size": 3}
+@pytest.mark.parametrize("kwargs", [{"message_length": 7}, {"channel": "continuous"}], ids=str)
+def test_a_guide_whose_messages_can_not_be_enumerated_learns_too(kwargs):
     PPO("GuidePolicy", GuideGridVecEnv(LEVEL, 2), n_steps=16, batch_size=32, policy_kwargs=kwargs).learn(32)
 
 
