@@ -66,8 +66,9 @@ class Channel:
         return areas(self.study, self.level, self.guided)
 
     def leads(self) -> np.ndarray:
-        """:return: (seeds,) how much larger these areas are than those of the Learner alone with the same seed"""
-        return (self.areas() - areas(self.study, self.level, "learner")).dropna().to_numpy()
+        """:return: (seeds,) how much larger these are than the Learner's alone with the same seed, NaN where there is none"""
+        own = self.areas()
+        return (own - areas(self.study, self.level, "learner").reindex(own.index)).to_numpy()
 
 
 def channels(study: Study, level: str) -> list[Channel]:
