@@ -66,8 +66,9 @@ class Channel:
         return areas(self.study, self.level, self.guided)
 
     def leads(self) -> np.ndarray:
-        """:return: (seeds,) how much larger these areas are than those of the Learner alone with the same seed"""
-        return (self.areas() - areas(self.study, self.level, "learner")).dropna().to_numpy()
+        """:return: (seeds,) how much larger these are than the Learner's alone with the same seed, NaN where there is none"""
+        own = self.areas()
+        return (own - areas(self.study, self.level, "learner").reindex(own.index)).to_numpy()
 
 
 def channels(study: Study, level: str) -> list[Channel]:
@@ -256,13 +257,14 @@ def draw(study: Study, levels: Sequence[str], path: Path) -> None:
         for column, level in zip(panels.T, levels, strict=True):
             shown = channels(study, level)
             column[0].set_title(level)
-            for axes, (title, measure) in zip(column, MEASURES.items(), strict=True):
+            for axes, measure in zip(column, MEASURES.values(), strict=True):
                 draw_panel(axes, shown, measure)
-                if column is panels.T[0] or len(levels) == 1:
-                    axes.set_ylabel(title.replace(" of the ", "\nof the ").replace("'s ", "'s\n"))
             if study.has(level, "learner"):
                 column[1].axhline(areas(study, level, "learner").mean(), color="black", linewidth=0.8, linestyle="--")
             column[-1].set_xticks(range(len(shown)), [each.name.replace(", ", "\n") for each in shown], rotation=90)
+        for axes, title in zip(panels[:, 0], MEASURES, strict=True):
+            axes.set_ylabel(title.replace(" of the ", "\nof the ").replace("'s ", "'s\n"))
+            axes.set_ylim(bottom=min(0, axes.get_ylim()[0]))
         with atomically(path) as partial:
             figure.savefig(partial, format="png", dpi=130, metadata={"Software": None})
 
@@ -273,4 +275,3 @@ def draw_panel(axes: Axes, shown: Sequence[Channel], measure: Callable[[Channel]
         values, colour = measure(each), "black" if each.continuous else COLOURS[(each.length - 1) % len(COLOURS)]
         axes.plot([place] * len(values), values, ".", color=colour, alpha=0.5)
         axes.plot([place - 0.3, place + 0.3], [mean_of(values)] * 2, color=colour, linewidth=2)
-    axes.set_ylim(bottom=min(0, axes.get_ylim()[0]))

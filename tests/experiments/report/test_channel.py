@@ -69,6 +69,15 @@ def test_one_seed_has_no_intervals(tmp_path: Path) -> None:
     assert "±" not in text
 
 
+def test_a_lead_is_told_of_the_seeds_that_a_learner_has_too(tmp_path: Path) -> None:
+    write_study(tmp_path, seeds=3)
+    for name in ("curves", "finals"):
+        table = pd.read_csv(tmp_path / f"{name}.csv")
+        table[(table["condition"] != "learner") | (table["seed"] < 2)].to_csv(tmp_path / f"{name}.csv", index=False)
+    write_page(tmp_path)
+    assert "| 0.625 ± 0.000, 2 of 3 | 1,000 ± 0 |" in (tmp_path / "README.md").read_text()
+
+
 def test_short_messages_of_few_symbols_come_first_and_those_without_last(tmp_path: Path) -> None:
     write_study(tmp_path, seeds=1)
     found = channels(read_study(tmp_path), "GoToLocal")
