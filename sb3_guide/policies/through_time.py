@@ -1,90 +1,98 @@
-"""A wide LSTM over whole sequences, forward and backward, that computes on no padding."""
+"""An LSTM over whole sequences, forward and backward, that computes on no padding."""
 
 from typing import Any
 
 import torch as th
 
-from sb3_guide.policies.products import ROUNDED, product
+from sb3_guide.policies.products import ROUNDED, product, product_of_columns, rounds
+
+WIDE = 512  # hidden units from which on rounding the factors of a step costs less than it saves
 
 
 class ThroughTime(th.autograd.Function):
     """
-    Steps run over all sequences that still go on. What does not depend on the step before, which are the products with the
-    inputs and those that make the weights' gradients, is computed for all frames at once.
+    Steps run over all sequences that still go on. What does not depend on the step before or after, which is nearly all, is
+    computed for all frames at once.
     """
 
     @staticmethod
     def forward(  # type: ignore[override]
         ctx: Any,
-        features: th.Tensor,
+        inputs: th.Tensor,
         position: th.Tensor,
         lengths: th.Tensor,
         h: th.Tensor,
         c: th.Tensor,
-        input_weight: th.Tensor,
         weight: th.Tensor,
-        bias: th.Tensor,
     ) -> th.Tensor:
         """
-        :param features: (U, features_dim)
-        :param position: (K,) which of the features belongs to each frame of the sequences, one sequence after the other
+        :param inputs: (U, 4 * hidden) what the inputs add to the gates, in the order of torch's LSTM
+        :param position: (K,) which of the inputs belongs to each frame of the sequences, one sequence after the other
         :param lengths: (B,) frames in each sequence
         :param h: (B, hidden) before each sequence
         :param c: (B, hidden)
-        :param input_weight: (4 * hidden, features_dim) of torch's LSTM, in its order of gates
-        :param weight: (4 * hidden, hidden)
-        :param bias: (4 * hidden,)
+        :param weight: (4 * hidden, hidden) of torch's LSTM
         :return: the output at each frame (K, hidden)
         """
-        order = lengths.argsort(descending=True, stable=True)
+        hidden, order = weight.shape[1], lengths.argsort(descending=True, stable=True)
         going = (lengths.unsqueeze(1) > th.arange(int(lengths.max()), device=lengths.device)).sum(dim=0)  # (T,)
         first, counts = (lengths.cumsum(0) - lengths)[order], going.tolist()
         frame = th.cat([first[:count] + step for step, count in enumerate(counts)])  # (K,) by time, then by sequence
-        gates = (product(features, input_weight.t()) + bias)[position[frame]]  # (K, 4 * hidden)
-        recurrent = weight.t().to(ROUNDED)
-        h, c, outputs, cells = h[order], c[order], [], []
-        befores = []
-        for now, count in zip(gates.split(counts), counts, strict=True):
-            befores.append((h[:count], c[:count]))
-            now += product(h[:count], recurrent)
-            put, keep, new, show = now.chunk(4, dim=1)  # views
-            for gate in (put, keep, show):
-                gate.sigmoid_()
+        position, h, c = position[frame], h[order], c[order]
+        gates = inputs.index_select(0, position)  # (K, 4 * hidden)
+        cells, shown, outputs = gates.new_empty(3, len(frame), hidden).unbind()
+        rounded = rounds() and hidden >= WIDE
+        recurrent, h_now, c_now = weight.to(ROUNDED if rounded else weight.dtype).t(), h, c
+        put, keep, new, show = gates.view(-1, 4, hidden).unbind(dim=1)
+        views = (gates, gates[:, : 2 * hidden], put, keep, new, show, cells, shown, outputs)
+        for now, put_and_keep, put, keep, new, show, cell, show_cell, output in zip(*(view.split(counts) for view in views), strict=True):
+            count = len(now)
+            add_product(now, h_now[:count], recurrent)
+            put_and_keep.sigmoid_()
             new.tanh_()
-            c = th.addcmul(put * new, keep, c[:count])
-            h = show * c.tanh()
-            outputs.append(h)
-            cells.append(c)
-        h_before, c_before = (th.cat(parts) for parts in zip(*befores, strict=True))
-        ctx.counts = counts
-        ctx.save_for_backward(
-            features, position[frame], frame, order, gates, th.cat(cells), h_before, c_before, input_weight, weight
-        )
-        return th.cat(outputs).new_empty(len(frame), weight.shape[1]).index_copy_(0, frame, th.cat(outputs))
+            show.sigmoid_()
+            th.mul(put, new, out=cell).addcmul_(keep, c_now[:count])
+            th.mul(show, th.tanh(cell, out=show_cell), out=output)
+            h_now, c_now = output, cell
+        ctx.counts, ctx.n_inputs, ctx.rounds, ctx.rounded = counts, len(inputs), rounds(), rounded
+        ctx.save_for_backward(position, frame, order, gates, cells, shown, outputs, h, c, weight)
+        return th.empty_like(outputs).index_copy_(0, frame, outputs)
 
     @staticmethod
     def backward(ctx: Any, grad: th.Tensor) -> tuple[th.Tensor | None, ...]:  # type: ignore[override]
-        features, position, frame, order, gates, cells, h_before, c_before, input_weight, weight = ctx.saved_tensors
-        counts, grad = ctx.counts, grad[frame]
-        recurrent = weight.to(ROUNDED).t().contiguous().t()  # a few rows times this layout is three times as fast
-        through = th.empty_like(gates)
-        dh, dc = grad.new_zeros(len(order), weight.shape[1]), grad.new_zeros(len(order), weight.shape[1])
-        parts = [part.split(counts) for part in (gates, cells, c_before, grad, through)]
-        for now, cell, before, from_output, out in zip(*(reversed(part) for part in parts), strict=True):
-            count = len(now)
-            put, keep, new, show = now.chunk(4, dim=1)
-            shown, dh_now = cell.tanh(), dh[:count] + from_output
-            dc_now = dc[:count] + dh_now * show * (1 - shown * shown)
-            d_put, d_keep, d_new, d_show = out.chunk(4, dim=1)
-            th.mul(dc_now * new, put * (1 - put), out=d_put)
-            th.mul(dc_now * before, keep * (1 - keep), out=d_keep)
-            th.mul(dc_now * put, 1 - new * new, out=d_new)
-            th.mul(dh_now * shown, show * (1 - show), out=d_show)
-            dc[:count] = dc_now * keep
-            dh[:count] = product(out, recurrent)
-        d_weight = product(through.t(), h_before)
-        at_input = through.new_zeros(len(features), through.shape[1]).index_add_(0, position, through)
-        d_features = product(at_input, input_weight)
-        d_input_weight = product(at_input.t(), features)
+        position, frame, order, gates, cells, shown, outputs, h, c, weight = ctx.saved_tensors
+        counts, hidden = ctx.counts, weight.shape[1]
+        earlier = th.arange(len(h), len(frame), device=h.device) - th.tensor(counts[:-1], dtype=th.long).repeat_interleave(th.tensor(counts[1:], dtype=th.long))
+        h_before, c_before = th.cat([h, outputs[earlier]]), th.cat([c, cells[earlier]])
+        put, keep, new, show = gates.view(-1, 4, hidden).unbind(dim=1)
+        to_cell = th.addcmul(show, show * shown, shown, value=-1)  # show * (1 - shown^2)
+        through = th.addcmul(gates, gates, gates, value=-1)  # slopes of the gates, then what comes through them
+        by_gate = through.view(-1, 4, hidden)
+        by_gate[:, 0] *= new
+        by_gate[:, 1] *= c_before
+        th.addcmul(put, put * new, new, value=-1, out=by_gate[:, 2])
+        by_gate[:, 3] *= shown
+        dh, dc = grad[frame], th.zeros_like(c)
+        recurrent = weight
+        if ctx.rounded:
+            recurrent = weight.to(ROUNDED).t().contiguous().t()  # a few rows times this layout is three times as fast
+        views = (through, by_gate[:, :3], by_gate[:, 3], dh, to_cell, keep)
+        later = through[:0]
+        for out, by_cell, by_output, dh_now, slope, forget in zip(*(reversed(view.split(counts)) for view in views), strict=True):
+            if len(later):
+                add_product(dh_now[: len(later)], later, recurrent)
+            dc_now = dc[: len(out)].addcmul_(dh_now, slope)
+            by_cell.mul_(dc_now.unsqueeze(1))
+            by_output.mul_(dh_now)
+            dc_now *= forget
+            later = out
+        d_h = add_product(th.zeros_like(h), later, recurrent)
+        d_weight = product_of_columns(through, h_before) if ctx.rounds else through.t() @ h_before
+        d_inputs = through.new_zeros(ctx.n_inputs, through.shape[1]).index_add_(0, position, through)
         unsorted = order.argsort()
-        return d_features, None, None, dh[unsorted], dc[unsorted], d_input_weight, d_weight, through.sum(dim=0)
+        return d_inputs, None, None, d_h[unsorted], dc[unsorted], d_weight
+
+
+def add_product(total: th.Tensor, a: th.Tensor, b: th.Tensor) -> th.Tensor:
+    """:return: total, to which a @ b was added, rounded where b is"""
+    return total.addmm_(a, b) if b.dtype == total.dtype else total.add_(product(a, b))
