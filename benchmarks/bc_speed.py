@@ -6,7 +6,7 @@ How fast whole episodes are cloned: our three agents beside stock imitation, whi
 
 Each is a process of its own with one thread: an epoch to warm up, in which the arithmetic of all products and convolutions is
 counted, forward and backward, then one that is timed. Prints frames per second of CPU time, the ratio to stock imitation, the
-peak of memory, and how many GFLOP/s that arithmetic makes, beside what a product of square matrices of 32 bits makes in the same
+peak of memory, and how many GFLOP/s that arithmetic makes, beside those of a product of square matrices of 32 bits in the same
 process. Products of 16 bits may make four times as many.
 """
 
@@ -155,7 +155,11 @@ def main(
         measure(agent, size, demos, batch_size, out)
         return
     rows = []
-    print("| agent | frames/s | times stock imitation | peak memory, MB | GFLOP/s | matmul, GFLOP/s | share |\n" + "|---" * 7 + "|")
+    print(
+        "| agent | frames/s | times stock imitation | peak memory, MB | GFLOP/s | matmul, GFLOP/s | share |\n"
+        + "|---" * 7
+        + "|"
+    )
     for name in AGENTS:
         options = ["--demos", str(demos), "--out", str(out), "--batch-size", str(batch_size), "--size", size, "--agent", name]
         subprocess.run([sys.executable, "-m", "benchmarks.bc_speed", *options], check=True)

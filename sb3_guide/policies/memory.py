@@ -5,12 +5,11 @@ from torch import nn
 from torch.nn.functional import embedding
 
 from sb3_guide.policies.interventions import Scene
-from sb3_guide.policies.products import transform
-from sb3_guide.policies.through_time import ThroughTime
+from sb3_guide.policies.products import rounds, transform
+from sb3_guide.policies.through_time import WIDE, ThroughTime
 
 State = tuple[th.Tensor, th.Tensor]  # h and c of shape (1, B, hidden) each
 FEW = 64  # sequences
-WIDE = 512  # hidden units from which on arithmetic costs more than the calls that ask for it
 
 
 class Memory(nn.Module):
@@ -36,11 +35,23 @@ class Memory(nn.Module):
         :param state: state before each sequence; None means that nothing was seen yet
         :return: the output at each frame (K, hidden)
         """
-        none = features.new_zeros(len(lengths), self.hidden)
-        h, c = (none, none) if state is None else (state[0].squeeze(0), state[1].squeeze(0))
-        input_weight, weight, *biases = self.lstm.parameters()
-        inputs = transform(features, input_weight, sum(biases))
-        return ThroughTime.apply(inputs, position, lengths, h, c, weight)  # type: ignore[no-any-return]
+        if rounds() or self.hidden >= WIDE:
+            none = features.new_zeros(len(lengths), self.hidden)
+            h, c = (none, none) if state is None else (state[0].squeeze(0), state[1].squeeze(0))
+            input_weight, weight, input_bias, bias = self.lstm.parameters()
+            inputs = transform(features, input_weight, input_bias + bias)
+            return ThroughTime.apply(inputs, position, lengths, h, c, weight)  # type: ignore[no-any-return]
+        first = lengths.cumsum(0) - lengths
+        outputs, frames = [], []
+        for rows in similar(lengths):
+            valid = is_frame(lengths[rows])
+            frame = first[rows].unsqueeze(1) + th.arange(valid.shape[1], device=lengths.device)
+            before = None if state is None else (state[0][:, rows], state[1][:, rows])
+            stand_in = frame.clamp(max=len(position) - 1)  # another sequence's frames are padding as good as any
+            output, _ = self.lstm(embedding(position[stand_in], features), before)
+            outputs.append(output[valid])
+            frames.append(frame[valid])
+        return th.cat(outputs)[th.cat(frames).argsort()]
 
     def step(self, features: th.Tensor, state: State) -> tuple[th.Tensor, State]:
         """

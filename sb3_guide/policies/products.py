@@ -18,8 +18,8 @@ _rounds: ContextVar[bool] = ContextVar("rounds", default=False)
 @contextmanager
 def rounded_products() -> Iterator[None]:
     """
-    Within the block, the large products of the networks, those of many rows, have factors and results of 16 bits, forward and backward. Made for
-    cloning: under PPO, collecting and training must compute the same.
+    Within the block, the large products of the networks, which have many rows, have factors and results of 16 bits, forward
+    and backward. Made for cloning: under PPO, collecting and training must compute the same.
     """
     before = _rounds.set(True)
     try:
