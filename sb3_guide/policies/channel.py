@@ -7,7 +7,7 @@ import torch as th
 import torch.nn.functional as F
 from torch import nn
 
-from sb3_guide.policies.products import transform
+from sb3_guide.policies.gru import input_gates, next_hidden
 
 MAX_LENGTH, MAX_VOCABULARY = 100, 10_000
 MAX_MESSAGES = 1024  # enumerating more than these for the metrics would need too much memory
@@ -96,32 +96,6 @@ class MessageShape:
         return [" ".join(f"w{symbol}" for symbol in message) for message in self.all().tolist()]
 
 
-def gates_of_symbols(embedding: nn.Linear, gru: nn.GRU | nn.GRUCell) -> th.Tensor:
-    """
-    :param embedding: of symbols
-    :param gru: that reads them
-    :return: (vocabulary_size, 3 * hidden) what each symbol adds to the gates
-    """
-    weight, _, bias, _ = gru.parameters()
-    return F.linear(embedding.weight.t(), weight, bias)
-
-
-def next_hidden(from_symbol: th.Tensor, hidden: th.Tensor, gru: nn.GRU | nn.GRUCell) -> th.Tensor:
-    """
-    A step of a GRU; what symbols add to its gates is computed once for all frames.
-
-    :param from_symbol: (K or 1, 3 * hidden) what the symbol adds to the gates: reset, update, new
-    :param hidden: (K or 1, hidden) before it
-    :param gru: with one layer
-    :return: (K, hidden) after it
-    """
-    _, weight, _, bias = gru.parameters()
-    reset_in, update_in, new_in = from_symbol.chunk(3, dim=1)
-    reset, update, new = transform(hidden, weight, bias).chunk(3, dim=1)
-    new = th.addcmul(new_in, (reset_in + reset).sigmoid(), new).tanh()
-    return th.lerp(new, hidden, (update_in + update).sigmoid())
-
-
 class MessageDecoder(nn.Module):
     """
     GRU that speaks a message of fixed length, starting from the Guide's memory. Symbols are chosen by the straight-through
@@ -160,7 +134,7 @@ class MessageDecoder(nn.Module):
         :param generator: source of the Gumbel noise; None means the most probable symbols, without noise
         :return: (K, length, vocabulary_size), one-hot or, in a continuous channel, any numbers
         """
-        gates, hidden = gates_of_symbols(self.embedding, self.cell), memory
+        gates, hidden = input_gates(self.embedding.weight.t(), self.cell), memory
         symbols: list[th.Tensor] = []
         for _ in range(self.shape.length):
             before = symbols[-1] @ gates if symbols else gates[:1]  # w0 stands before the first
@@ -192,7 +166,7 @@ class MessageDecoder(nn.Module):
         :raises ValueError: as :meth:`MessageShape.all`
         """
         self.shape.check_enumerable()
-        gates, hidden = gates_of_symbols(self.embedding, self.cell), memory
+        gates, hidden = input_gates(self.embedding.weight.t(), self.cell), memory
         before, total = gates[:1], memory.new_zeros(len(memory))  # of every beginning: (K * beginnings,)
         for position in range(self.shape.length):
             if position:
@@ -222,7 +196,7 @@ class MessageEncoder(nn.Module):
         :param symbols: (K, length, vocabulary_size), as :class:`MessageDecoder` speaks them
         :return: (K, message)
         """
-        gates, hidden = gates_of_symbols(self.embedding, self.gru), symbols.new_zeros(1, self.gru.hidden_size)
+        gates, hidden = input_gates(self.embedding.weight.t(), self.gru), symbols.new_zeros(1, self.gru.hidden_size)
         for symbol in symbols.unbind(dim=1):
             hidden = next_hidden(symbol @ gates, hidden, self.gru)
         return hidden

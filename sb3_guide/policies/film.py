@@ -8,6 +8,7 @@ from stable_baselines3.common.preprocessing import is_image_space
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
+from sb3_guide.policies.gru import input_gates, next_hidden
 from sb3_guide.policies.picture import Picture, picture_of, words_of
 from sb3_guide.policies.products import transform, transform_looked_up
 from sb3_guide.policies.sequences import Observations, Sequences, distinct, frames
@@ -21,7 +22,8 @@ PICTURES_AT_ONCE = 1024  # bounds the memory that whole sets of episodes take
 
 class InstructionEncoder(nn.Module):
     """
-    Embedding and GRU over a mission's words: the hidden state after its last word.
+    Embedding and GRU over a mission's words: the hidden state after its last word. Missions begin alike, so each beginning is
+    read once.
 
     :param vocabulary_size: number of word ids, 0 being padding
     :param size: widths
@@ -37,9 +39,15 @@ class InstructionEncoder(nn.Module):
         :param missions: (N, words) word ids
         :return: (N, instruction)
         """
-        lengths = missions.count_nonzero(dim=1).clamp(min=1)
-        output, _ = self.gru(self.embedding(missions[:, : int(lengths.max())]))
-        return output[th.arange(len(lengths), device=lengths.device), lengths - 1]
+        words, missions = missions.unique(return_inverse=True)  # those that occur, and each as the number of one of them
+        gates, longest = input_gates(self.embedding(words), self.gru), int((words[missions] > 0).sum(dim=1).max())
+        hidden, beginning = gates.new_zeros(1, self.gru.hidden_size), missions.new_zeros(len(missions))
+        for step, word in enumerate(missions[:, : max(longest, 1)].t()):
+            beginnings, beginning = (beginning * len(words) + word).unique(return_inverse=True)
+            before, last = hidden[beginnings // len(words)], beginnings % len(words)
+            after = next_hidden(gates[last], before, self.gru)
+            hidden = after if step == 0 else th.where((words[last] > 0).unsqueeze(1), after, before)
+        return hidden[beginning]
 
 
 class FiLM(nn.Module):

@@ -5,11 +5,11 @@ from torch import nn
 from torch.nn.functional import embedding
 
 from sb3_guide.policies.interventions import Scene
-from sb3_guide.policies.through_time import ThroughTime
+from sb3_guide.policies.products import rounds, transform
+from sb3_guide.policies.through_time import WIDE, ThroughTime
 
 State = tuple[th.Tensor, th.Tensor]  # h and c of shape (1, B, hidden) each
 FEW = 64  # sequences
-WIDE = 512  # hidden units from which on arithmetic costs more than the calls that ask for it
 
 
 class Memory(nn.Module):
@@ -35,11 +35,12 @@ class Memory(nn.Module):
         :param state: state before each sequence; None means that nothing was seen yet
         :return: the output at each frame (K, hidden)
         """
-        if self.hidden >= WIDE:
+        if rounds() or self.hidden >= WIDE:
             none = features.new_zeros(len(lengths), self.hidden)
             h, c = (none, none) if state is None else (state[0].squeeze(0), state[1].squeeze(0))
-            input_weight, weight, *biases = self.lstm.parameters()
-            return ThroughTime.apply(features, position, lengths, h, c, input_weight, weight, sum(biases))  # type: ignore[no-any-return]
+            input_weight, weight, input_bias, bias = self.lstm.parameters()
+            inputs = transform(features, input_weight, input_bias + bias)
+            return ThroughTime.apply(inputs, position, lengths, h, c, weight)  # type: ignore[no-any-return]
         first = lengths.cumsum(0) - lengths
         outputs, frames = [], []
         for rows in similar(lengths):

@@ -9,6 +9,7 @@ import torch as th
 from torch.nn.functional import linear
 
 ROUNDED = th.bfloat16
+MANY = 128  # rows from which on rounding them costs less than it saves
 SIZES_AN_OCTAVE = 8  # of numbers of rows: a kernel for one more of them takes longer to make than to run
 
 _rounds: ContextVar[bool] = ContextVar("rounds", default=False)
@@ -17,14 +18,19 @@ _rounds: ContextVar[bool] = ContextVar("rounds", default=False)
 @contextmanager
 def rounded_products() -> Iterator[None]:
     """
-    Within the block, the large products of the networks have factors and results of 16 bits, forward and backward. Made for
-    cloning: under PPO, collecting and training must compute the same.
+    Within the block, the large products of the networks, which have many rows, have factors and results of 16 bits, forward
+    and backward. Made for cloning: under PPO, collecting and training must compute the same.
     """
     before = _rounds.set(True)
     try:
         yield
     finally:
         _rounds.reset(before)
+
+
+def rounds() -> bool:
+    """:return: whether this is within such a block"""
+    return _rounds.get()
 
 
 def transform(x: th.Tensor, weight: th.Tensor, bias: th.Tensor) -> th.Tensor:
@@ -34,7 +40,7 @@ def transform(x: th.Tensor, weight: th.Tensor, bias: th.Tensor) -> th.Tensor:
     :param bias: (out,)
     :return: (N, out) x @ weight.T + bias
     """
-    return RoundedProduct.apply(x, weight) + bias if _rounds.get() else linear(x, weight, bias)
+    return RoundedProduct.apply(x, weight) + bias if rounds() and len(x) >= MANY else linear(x, weight, bias)
 
 
 def transform_looked_up(table: th.Tensor, index: th.Tensor, weight: th.Tensor, bias: th.Tensor) -> th.Tensor:
@@ -45,7 +51,7 @@ def transform_looked_up(table: th.Tensor, index: th.Tensor, weight: th.Tensor, b
     :param bias: (out,)
     :return: (N, out) the same of x = P rows side by side
     """
-    if _rounds.get():
+    if rounds():
         return RoundedLookup.apply(table, index, weight) + bias  # type: ignore[no-any-return]
     return linear(table[index].flatten(1), weight, bias)
 
@@ -89,6 +95,11 @@ class RoundedLookup(th.autograd.Function):
 def product(a: th.Tensor, b: th.Tensor) -> th.Tensor:
     """:return: a @ b, rounded"""
     return th.mm(rounded(a), b.to(ROUNDED))[: len(a)].float()
+
+
+def product_of_columns(a: th.Tensor, b: th.Tensor) -> th.Tensor:
+    """:return: a.T @ b, rounded"""
+    return th.mm(rounded(a).t(), rounded(b)).float()
 
 
 def rounded(x: th.Tensor) -> th.Tensor:

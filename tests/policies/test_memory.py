@@ -1,5 +1,6 @@
 """The memory LSTM over sequences of different lengths."""
 
+from contextlib import nullcontext
 from unittest.mock import patch
 
 import pytest
@@ -8,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sb3_guide.policies.memory import FEW, WIDE, Memory, similar
+from sb3_guide.policies.products import rounded_products
 
 
 @given(st.lists(st.integers(1, 200), min_size=FEW + 1, max_size=2 * FEW))
@@ -29,6 +31,12 @@ def test_a_few_sequences_are_one_group(lengths):
 def test_each_sequence_is_remembered_as_if_it_were_alone(few, lengths, seed):
     with patch("sb3_guide.policies.memory.FEW", few):
         compare_with_alone(lengths, seed)
+
+
+@given(lengths=st.lists(st.integers(1, 20), min_size=1, max_size=6), seed=st.integers(0, 2**31))
+def test_and_so_it_is_while_products_are_rounded(lengths, seed):
+    with rounded_products():
+        compare_with_alone(lengths, seed)  # of so few rows, only the weights' gradients are rounded
 
 
 def compare_with_alone(lengths, seed):
@@ -69,6 +77,7 @@ def test_a_wide_memory_has_torchs_outputs_and_gradients(precision, tolerance):
     found = []
     for wide in (WIDE, WIDE + 1):
         with (
+            rounded_products() if wide == WIDE else nullcontext(),
             patch("sb3_guide.policies.memory.WIDE", wide),
             patch("sb3_guide.policies.products.ROUNDED", precision),
             patch("sb3_guide.policies.through_time.ROUNDED", precision),

@@ -53,7 +53,9 @@ def test_guides_learn_in_any_of_these_spaces(algorithm, kind, words):
     before = {name: weight.clone() for name, weight in model.policy.named_parameters()}
     model.learn(32)
     unchanged = {name for name, weight in model.policy.named_parameters() if th.equal(weight, before[name])}
-    assert all(not words and ".instruction." in name for name in unchanged)  # which reads nothing where nothing is said
+    reads_nothing = {name for name in before if not words and ".instruction." in name}
+    relaxes_symbols = {name for name in before if ".inverse_temperature." in name}  # in cloning alone
+    assert unchanged <= reads_nothing | relaxes_symbols
 
 
 @pytest.mark.parametrize("kind", KINDS)

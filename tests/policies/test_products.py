@@ -4,7 +4,7 @@ import pytest
 import torch as th
 from torch import nn
 
-from sb3_guide.policies.products import product, repeating, rounded_products, transform, transform_looked_up
+from sb3_guide.policies.products import MANY, product, repeating, rounded_products, transform, transform_looked_up
 
 ROUNDING = 2.0**-8  # of a factor, relative: bfloat16 keeps eight bits
 
@@ -21,13 +21,21 @@ def test_factors_and_result_are_rounded_and_the_sum_is_not():
     assert product(ones[:, :257], ones[:, :257].t()).tolist() == [[256.0]]  # a result that they can't hold
 
 
-@pytest.mark.parametrize("n_rows", [1, 5, 17, 200])
+@pytest.mark.parametrize("n_rows", [1, MANY - 1])
+def test_of_few_rows_nothing_is_rounded(n_rows):
+    layer, x = nn.Linear(40, 30), th.randn(n_rows, 40)
+    with rounded_products():
+        assert th.equal(transform(x, layer.weight, layer.bias), layer(x))
+
+
+@pytest.mark.parametrize("n_rows", [MANY, MANY + 1, 200, 517])
 def test_within_the_block_a_layer_is_the_same_up_to_rounding(n_rows):
     layer, x = nn.Linear(40, 30), th.randn(n_rows, 40, requires_grad=True)
     exact = transform(x, layer.weight, layer.bias)
     assert th.equal(exact, layer(x))
     with rounded_products():
         close = transform(x, layer.weight, layer.bias)
+    assert not th.equal(close, exact)
     expected = gradients(exact, x, layer.weight, layer.bias)
     th.testing.assert_close(close, exact, rtol=0, atol=3 * ROUNDING)
     for found, wanted in zip(gradients(close, x, layer.weight, layer.bias), expected, strict=True):
