@@ -89,5 +89,5 @@ def measure_communication(policy: AgentPolicy, memory: th.Tensor) -> dict[str, f
         for part, spoken, less_surely in zip(parts, messages.split(at_once), uncertain.split(at_once), strict=True):
             actions = policy.listen(part)
             influences.append(th.stack([cic(spoken, actions), uniform_cic(actions), cic(less_surely, actions)], dim=1))
-    means = dict(zip(("cic", "uniform_cic", "tempered_cic"), th.cat(influences).mean(dim=0).tolist(), strict=True))
+    means = dict(zip(("cic", "uniform_cic", "tempered_cic"), th.cat(influences).mean(dim=0).cpu().tolist(), strict=True))
     return {**means, "message_entropy": message_entropy(messages).mean().item()}
