@@ -11,6 +11,7 @@ from sb3_guide.envs.engine.cells import BALL, BOX, COLOURS, KEY, VIEW
 from sb3_guide.envs.given_mission import has_targets, with_mission
 from sb3_guide.language.animation import drawn
 from sb3_guide.playground.pictures import draw_image, draw_view
+from sb3_guide.policies.picture import picture_of
 from sb3_guide.policies.sequences import history_of
 
 LOST = "Something that the mission speaks of is not there, so that it can't be fulfilled."
@@ -134,9 +135,9 @@ class OtherScene:
     :param seen: what the agent observes of it
     """
 
-    captions = Captions("The world as you see it.", "All that the agent sees.")
-
     def __init__(self, env_id: str, seen: spaces.Dict) -> None:
+        colours = "" if picture_of(seen).values is None else ", in false colours"
+        self.captions = Captions("The world as you see it.", f"All that the agent sees{colours}.")
         self._env = drawn(env_id) or gymnasium.make(env_id)
         self._seen = seen
         self._seed, self._gained = 0, 0.0

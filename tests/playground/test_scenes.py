@@ -80,6 +80,7 @@ def test_what_is_saved(folder, others, env_id):
     assert gif_of(recording).startswith(b"GIF8")
     page = html_of([[recording]])
     assert "The world as you see it." in page
+    assert ("in false colours" in page) == (env_id != "PixelSignal-v0")
     assert "Lighter" not in page
     assert f"trained on {env_id}" in page
 
