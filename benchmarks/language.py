@@ -29,7 +29,7 @@ from sb3_guide.experiments.stages.clone import HIGHEST_CIC
 from sb3_guide.experiments.stages.runs import use_threads, write_table
 from sb3_guide.experiments.stages.statistics import paired_successes
 from sb3_guide.files import write_text
-from sb3_guide.language import Reading, ablate, ablations, learn, obey, read, read_along
+from sb3_guide.language import Reading, ablate, ablations, obey, overhear, read, read_along
 from sb3_guide.language.analysis import structure
 from sb3_guide.language.pictures import save_figure
 from sb3_guide.metrics import agreement, by_chance, interval, joint_counts, obedience, p_value
@@ -77,7 +77,7 @@ def measure(runs: Path, level: str) -> Rows:
 
 def obedience_rows(policy: AgentPolicy, key: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """:return: one row for all actions together and one for each action that a message means"""
-    dictionary = learn(read(policy, key["level"], mission_seeds("validation", EPISODES)))
+    dictionary = overhear(policy, key["level"], mission_seeds("validation", EPISODES))
     if (dictionary.meanings < 0).all():
         return
     rng, seeds = np.random.default_rng(key["seed"]), mission_seeds("analysis", WORLDS)

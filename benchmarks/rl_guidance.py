@@ -268,9 +268,9 @@ def draw(curves: pd.DataFrame) -> Figure:
 
 def main(
     out: Annotated[Path, typer.Option(help="Folder of the tables.")],
-    levels: Annotated[list[str], typer.Option(help="Where to train.")] = ["GoToLocal"],  # noqa: B006
+    levels: Annotated[list[str] | None, typer.Option(help="Where to train; GoToLocal if left out.")] = None,
     seeds: Annotated[int, typer.Option(help="How many, from 0 on.")] = 5,
-    conditions: Annotated[list[str], typer.Option(help="Of what kind.")] = [*CONDITIONS],  # noqa: B006
+    conditions: Annotated[list[str] | None, typer.Option(help="Of what kind; all if left out.")] = None,
 ) -> None:
     """Run what is missing, one seed of all these conditions after the other, and write the page."""
     use_threads(1)
@@ -278,9 +278,9 @@ def main(
         model_of(EASIER, CONDITIONS["learner"], 0).learn(1)
     out.mkdir(parents=True, exist_ok=True)
     finals = out / "finals.csv"
-    for level in levels:
+    for level in levels or [EASIER]:
         for seed in range(seeds):
-            for name in conditions:
+            for name in conditions or CONDITIONS:
                 done = finals.is_file() and (level, name, str(seed)) in map(key_of, read_table(finals))
                 if not done and not (level == EASIER and "easier" in name):
                     curve, end = run(level, name, seed)

@@ -21,7 +21,7 @@ from sb3_guide.experiments.stages.evaluate import evaluate
 from sb3_guide.experiments.stages.runs import use_threads
 from sb3_guide.experiments.stages.speak import entries
 from sb3_guide.files import read_json, write_json, write_text
-from sb3_guide.language import Dictionary, learn, obey, read, save_dictionary
+from sb3_guide.language import Dictionary, obey, overhear, save_dictionary
 from sb3_guide.metrics import obedience
 from sb3_guide.policies import AgentPolicy, load_agent
 from sb3_guide.policies.folder import read_agent, write_agent
@@ -41,7 +41,7 @@ def ship(level: str, runs: Path, agent: str) -> None:
     found = read_json(folder / "evaluation.json")
     write_json(folder / "evaluation.json", {name: found[name] for name in EVALUATED})
     policy = load_agent(folder)
-    dictionary = learn(read(policy, level, mission_seeds("validation", 500)))
+    dictionary = overhear(policy, level, mission_seeds("validation", 500))
     save_dictionary(dictionary, folder / DICTIONARY)
     made_by = commands(level, agent, read_json(runs / agent / "run.json"), (runs / "expert").is_dir())
     write_text(folder / "README.md", card(level, agent, policy, dictionary, made_by, found))

@@ -10,7 +10,7 @@ from gymnasium import spaces
 
 from sb3_guide.cloning import mission_seeds
 from sb3_guide.envs import LEVELS, is_level, name_of
-from sb3_guide.language import learn, read, speak
+from sb3_guide.language import overhear, speak
 from sb3_guide.policies import load_agent
 from sb3_guide.policies.folder import AGENT, read_agent
 from sb3_guide.policies.networks import Guide
@@ -38,7 +38,7 @@ class Speaker:
         self.symbols = self.shape.all().numpy()  # (M, length)
         self.level = level
         self.kind = f"{GUIDE if isinstance(self.policy.network, Guide) else LEARNER}, trained on {level}"
-        self.dictionary = learn(read(self.policy, level, mission_seeds("validation", LEARNED_ON)))
+        self.dictionary = overhear(self.policy, level, mission_seeds("validation", LEARNED_ON))
         self._one_at_a_time = Lock()  # what the policy hears is part of its state, and sessions share it
 
     def check_level(self, level: str) -> None:
