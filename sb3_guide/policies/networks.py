@@ -1,6 +1,8 @@
 """The three agents' networks, from observation to the latent that the policy's heads read."""
 
-from typing import NamedTuple
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 
 import torch as th
 from gymnasium import spaces
@@ -14,16 +16,22 @@ from sb3_guide.policies.sequences import Observations, Sequences, windows
 from sb3_guide.policies.sizes import size_of
 
 
-class Latent(NamedTuple):
+@dataclass
+class Latent:
     """
     What the heads read.
 
-    :param pi: (K, features_dim) input of the action head
     :param vf: (K, critic_dim) input of the critic
+    :param listen: what ``pi`` comes from, where anyone asks for it; a Guide that explores sends no single message
     """
 
-    pi: th.Tensor
     vf: th.Tensor
+    listen: Callable[[], th.Tensor]
+
+    @cached_property
+    def pi(self) -> th.Tensor:
+        """(K, features_dim) input of the action head."""
+        return self.listen()
 
 
 class AgentNetwork(nn.Module):
@@ -114,7 +122,7 @@ class Learner(AgentNetwork):
         return self.memory.last(*self.film.encode(windows), windows.lengths)
 
     def latent(self, memory: th.Tensor, scene: Scene, generator: th.Generator | None = None) -> Latent:
-        return Latent(memory, memory)
+        return Latent(memory, lambda: memory)
 
 
 class Speaker(Learner):
@@ -240,7 +248,7 @@ class Guide(GuideNetwork):
         return encoding
 
     def latent(self, memory: th.Tensor, scene: Scene, generator: th.Generator | None = None) -> Latent:
-        return Latent(self.hear(memory, scene, generator), memory)
+        return Latent(memory, lambda: self.hear(memory, scene, generator))
 
 
 class GuidedLearner(GuideNetwork):
@@ -299,4 +307,4 @@ class GuidedLearner(GuideNetwork):
 
     def latent(self, memory: th.Tensor, scene: Scene, generator: th.Generator | None = None) -> Latent:
         latent = self.read(memory, self.hear(memory, scene, generator))
-        return Latent(latent, latent)
+        return Latent(latent, lambda: latent)
