@@ -261,7 +261,7 @@ def draw(study: Study, levels: Sequence[str], path: Path) -> None:
                 draw_panel(axes, shown, measure)
             if study.has(level, "learner"):
                 column[1].axhline(areas(study, level, "learner").mean(), color="black", linewidth=0.8, linestyle="--")
-            column[-1].set_xticks(range(len(shown)), [each.name.replace(", ", "\n") for each in shown], rotation=90)
+            column[-1].set_xticks(range(len(shown)), [each.name for each in shown], rotation=90)
         for axes, title in zip(panels[:, 0], MEASURES, strict=True):
             axes.set_ylabel(title.replace(" of the ", "\nof the ").replace("'s ", "'s\n"))
             axes.set_ylim(bottom=min(0, axes.get_ylim()[0]))
