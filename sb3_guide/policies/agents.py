@@ -130,7 +130,7 @@ class GuideAgent(SpeakingAgent):
         heard_as_spoken = self.channel.intervention == Intervention()
         if not (self.has_symbols and encoder.shape.count <= MAX_MESSAGES and heard_as_spoken):
             return self.action_distribution(latent)
-        spoken = self.channel.message_log_probs(latent.vf).unsqueeze(2)  # (K, M, 1); the critic reads the memory
+        spoken = self.channel.message_log_probs(latent.memory).unsqueeze(2)  # (K, M, 1)
         heard = self.action_net(self.mlp_extractor.policy_net(encoder.all())).log_softmax(dim=-1)  # (M, A)
         return self.action_dist.proba_distribution(action_logits=(spoken + heard).logsumexp(dim=1))  # type: ignore[arg-type,call-arg]
 

@@ -21,10 +21,12 @@ class Latent:
     """
     What the heads read.
 
+    :param memory: (K, state_size) that it comes from
     :param vf: (K, critic_dim) input of the critic
     :param listen: what ``pi`` comes from, where anyone asks for it; a Guide that explores sends no single message
     """
 
+    memory: th.Tensor
     vf: th.Tensor
     listen: Callable[[], th.Tensor]
 
@@ -122,7 +124,7 @@ class Learner(AgentNetwork):
         return self.memory.last(*self.film.encode(windows), windows.lengths)
 
     def latent(self, memory: th.Tensor, scene: Scene, generator: th.Generator | None = None) -> Latent:
-        return Latent(memory, lambda: memory)
+        return Latent(memory, memory, lambda: memory)
 
 
 class Speaker(Learner):
@@ -248,7 +250,7 @@ class Guide(GuideNetwork):
         return encoding
 
     def latent(self, memory: th.Tensor, scene: Scene, generator: th.Generator | None = None) -> Latent:
-        return Latent(memory, lambda: self.hear(memory, scene, generator))
+        return Latent(memory, memory, lambda: self.hear(memory, scene, generator))
 
 
 class GuidedLearner(GuideNetwork):
@@ -307,4 +309,4 @@ class GuidedLearner(GuideNetwork):
 
     def latent(self, memory: th.Tensor, scene: Scene, generator: th.Generator | None = None) -> Latent:
         latent = self.read(memory, self.hear(memory, scene, generator))
-        return Latent(latent, lambda: latent)
+        return Latent(memory, latent, lambda: latent)
