@@ -4,6 +4,7 @@ import pytest
 import torch as th
 from sb3_contrib.common.recurrent.policies import RecurrentActorCriticPolicy
 from sb3_contrib.common.recurrent.type_aliases import RNNStates
+from torch import nn
 
 from sb3_guide.policies import (
     GuidedLearnerPolicy,
@@ -15,6 +16,8 @@ from sb3_guide.policies import (
     save_agent,
 )
 from sb3_guide.policies.film import FiLMExtractor
+from sb3_guide.policies.interventions import Scene
+from sb3_guide.policies.networks import Latent
 from sb3_guide.policies.sequences import Sequences, distinct, windows
 from tests.policies.helpers import HISTORY, make_policy, random_images, random_missions
 
@@ -58,6 +61,17 @@ def test_no_gradient_reaches_the_guides_memory_but_through_the_message(window, m
     action_log_probs(policy, window)[:, 0].sum().backward()
     assert all(weight.grad is None for weight in policy.channel.speaker.parameters())
     assert any(weight.grad is not None for weight in policy.channel.encoder.parameters())
+
+
+def test_a_guide_that_explores_draws_messages_from_its_memory_whatever_its_critic_reads():
+    policy, scene = make_policy(GuidePolicy), Scene(th.arange(5), lambda: memory)
+    memory = th.randn(5, policy.network.state_size)
+    nn.init.normal_(policy.network.speaker.decoder.logits.weight)  # else all messages are equally probable
+    latent = policy.network.latent(memory, scene)
+    modest = Latent(memory, vf=latent.pi, listen=lambda: latent.pi)
+    expected, found = (policy.exploring_distribution(each).distribution.logits for each in (latent, modest))
+    assert th.equal(expected, found)
+    assert not th.allclose(expected[0], expected[1])
 
 
 def test_the_guided_learner_sees_its_own_memory_too(window, tmp_path):
