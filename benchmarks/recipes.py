@@ -1,8 +1,8 @@
 """
 How long the experts' recipes take, seed by seed: `python -m benchmarks.recipes --seeds 3 --out runs/recipes`.
 
-Runs `sb3-guide expert` from nothing for each level and seed, evaluates what comes of it on fresh missions, and prints a row
-for each. What is there already is not run again.
+Runs `sb3-guide expert` from nothing for each level and seed, evaluates what comes of it on fresh missions, beside Minigrid's
+bot, and prints a row for each. What is there already is not run again.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.experts import of_expert
+from benchmarks.experts import of_bot, of_expert
 from sb3_guide.cloning import mission_seeds
 from sb3_guide.experiments.stages.runs import read_table
 from sb3_guide.files import read_json, write_json
@@ -40,6 +40,7 @@ def measure(level: str, seed: int, folder: Path, n_episodes: int) -> dict[str, A
     """:return: what the recipe took and gave; also written beside the expert"""
     took, policy, seeds = train(level, seed, folder), load_agent(folder), mission_seeds("analysis", n_episodes)
     rows = read_table(folder / "progress.csv")
+    bot_success, bot_length = of_bot(level, seeds)
     before_the_last = [row for row in rows if row["curriculum/part"] != rows[-1]["curriculum/part"]]
     found = {
         "level": level,
@@ -49,6 +50,8 @@ def measure(level: str, seed: int, folder: Path, n_episodes: int) -> dict[str, A
         **took,
         "drawn": of_expert(policy, level, seeds, deterministic=False),
         "greedy": of_expert(policy, level, seeds, deterministic=True),
+        "bot_success": bot_success,
+        "bot_length": bot_length,
     }
     write_json(folder / "recipe.json", found)
     return found
@@ -57,9 +60,10 @@ def measure(level: str, seed: int, folder: Path, n_episodes: int) -> dict[str, A
 def row(found: dict[str, Any]) -> str:
     """:return: of the table"""
     seconds = f"{found['cpu_seconds']:.0f} | {found['wall_seconds']:.0f}"
-    rates = " | ".join(f"{found[way]['success_rate']:.1%}" for way in ("drawn", "greedy"))
+    rates = " | ".join(f"{found[way]['success_rate']:.1%} | {found[way]['mean_length']:.1f}" for way in ("drawn", "greedy"))
+    bot = f"{found['bot_success']:.1%} | {found['bot_length']:.1f}"
     frames = f"{found['frames_before_the_last_part']:,} | {found['frames']:,}"
-    return f"| {found['level']} | {found['seed']} | {frames} | {seconds} | {rates} |"
+    return f"| {found['level']} | {found['seed']} | {frames} | {seconds} | {rates} | {bot} |"
 
 
 def main() -> None:
@@ -70,8 +74,9 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=1000, help="missions to evaluate on")
     parser.add_argument("--out", type=Path, required=True, help="folder for the experts")
     arguments = parser.parse_args()
-    print("| level | seed | frames before the last part | frames | CPU s | wall s | drawn | greedy |")
-    print("|---|---|---|---|---|---|---|---|")
+    print("| level | seed | frames before the last part | frames | CPU s | wall s | drawn | steps | greedy | steps |", end="")
+    print(" bot | steps |")
+    print("|---" * 12 + "|")
     for level in arguments.levels:
         for seed in range(arguments.seeds):
             folder = arguments.out / f"{level}-{seed}"

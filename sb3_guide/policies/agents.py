@@ -20,7 +20,7 @@ class LearnerAgent(AgentPolicy):
     """
     An agent that acts alone.
 
-    :param size: "compact" or "paper" (Table A.2)
+    :param size: "compact", "medium" or "paper" (Table A.2)
     """
 
     network_class = Learner
@@ -76,7 +76,7 @@ class GuideAgent(SpeakingAgent):
     An agent that acts through messages of its own; or, given a pretrained Guide, one that reads that Guide's messages and
     nothing else.
 
-    :param size: "compact" or "paper" (Table A.2)
+    :param size: "compact", "medium" or "paper" (Table A.2)
     :param message_length: symbols in a message
     :param vocabulary_size: different symbols
     :param channel: "discrete", or "continuous" for messages without symbols, of as many numbers
@@ -144,7 +144,7 @@ class GuidedLearnerAgent(SpeakingAgent):
     :param freeze_guide: keep the Guide as it is; it is trained along otherwise
     :param hears: name of the intervention that its messages pass through, such as "silent"
         (:data:`~sb3_guide.policies.interventions.INTERVENTIONS`)
-    :param size: of the Learner, "compact" or "paper" (Table A.2)
+    :param size: of the Learner, "compact", "medium" or "paper" (Table A.2)
     :param ortho_init: SB3's orthogonal initialisation
     :raises ValueError: if there is no Guide or one of the other memory mode, or no such intervention in its channel
     """

@@ -290,7 +290,7 @@ class FiLMExtractor(BaseFeaturesExtractor):
     image only.
 
     :param observation_space: with "image" and, where there are missions, "mission"
-    :param size: "compact" or "paper" (Table A.2); pixels are looked at in the same way by both
+    :param size: "compact", "medium" or "paper" (Table A.2); pixels are looked at in the same way by both
     :raises ValueError: if there is no image that can be seen
     """
 
@@ -300,7 +300,7 @@ class FiLMExtractor(BaseFeaturesExtractor):
         self.picture = picture_of(observation_space)
         self.normalised_by_sb3 = is_image_space(observation_space["image"])
         self.instruction = InstructionEncoder(words_of(observation_space), widths)
-        vision = PixelVision if self.picture.values is None else VISIONS[size]
+        vision = PixelVision if self.picture.values is None else PaperVision if size == "paper" else CompactVision
         self.vision = vision(widths, self.picture)
 
     def forward(self, observations: Observations) -> th.Tensor:
@@ -333,6 +333,3 @@ class FiLMExtractor(BaseFeaturesExtractor):
 def bits(images: th.Tensor) -> th.Tensor:
     """:return: (N, D) integers that are equal where images are, whose values may be fractions"""
     return images.flatten(1).float().view(th.int32) if images.is_floating_point() else images.flatten(1)
-
-
-VISIONS: dict[str, type[CompactVision | PaperVision]] = {"compact": CompactVision, "paper": PaperVision}  # of cells

@@ -104,7 +104,7 @@ class Learner(AgentNetwork):
     Instruction GRU, convolution, FiLM and memory LSTM (paper section 3.2).
 
     :param observation_space: of the level
-    :param size: "compact" or "paper"
+    :param size: "compact", "medium" or "paper"
     """
 
     def __init__(self, observation_space: spaces.Dict, size: str = "compact") -> None:
@@ -132,7 +132,7 @@ class Speaker(Learner):
     The part of a Guide that a new Learner is paired with in stage 3: a Learner's trunk and the message decoder.
 
     :param observation_space: of the level
-    :param size: "compact" or "paper"
+    :param size: "compact", "medium" or "paper"
     :param shape: form of the messages
     """
 
@@ -216,7 +216,7 @@ class Guide(GuideNetwork):
     (paper section 3.2). The critic, which reinforcement learning needs and cloning does not, reads the memory.
 
     :param observation_space: of the level
-    :param size: "compact" or "paper"
+    :param size: "compact", "medium" or "paper"
     :param message_length: symbols in a message
     :param vocabulary_size: different symbols
     :param channel: "discrete" or "continuous"

@@ -1,4 +1,4 @@
-"""The two sizes of every network."""
+"""The sizes of every network."""
 
 from typing import NamedTuple
 
@@ -27,8 +27,10 @@ class Size(NamedTuple):
     message: int
 
 
+COMPACT = Size(word=32, instruction=128, cell=128, view=16, image=128, memory=64, symbol=32, message=64)
 SIZES = {
-    "compact": Size(word=32, instruction=128, cell=128, view=16, image=128, memory=64, symbol=32, message=64),
+    "compact": COMPACT,
+    "medium": COMPACT._replace(memory=256),  # keeps where one has been in a maze
     # Table A.2 of the paper; cell, view, symbol and message are those of the authors' code
     "paper": Size(word=256, instruction=256, cell=128, view=128, image=256, memory=2048, symbol=256, message=512),
 }
@@ -36,7 +38,7 @@ SIZES = {
 
 def size_of(name: str) -> Size:
     """
-    :param name: "compact" or "paper"
+    :param name: "compact", "medium" or "paper"
     :raises ValueError: for any other name
     """
     if name not in SIZES:

@@ -28,7 +28,7 @@ def action_log_probs(policy, obs):
     return policy.get_distribution(obs).distribution.logits.log_softmax(dim=-1)
 
 
-@pytest.mark.parametrize("size", ["compact", "paper"])
+@pytest.mark.parametrize("size", ["compact", "medium", "paper"])
 def test_the_guides_actions_are_a_function_of_its_message_alone(window, size):
     policy = make_policy(GuidePolicy, size=size)
     with th.no_grad():

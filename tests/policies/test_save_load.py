@@ -246,7 +246,7 @@ def test_no_more_memory_is_taken_than_the_file_is_long(guide):
 
 
 def test_an_unknown_size():
-    with pytest.raises(ValueError, match="size='huge' is unknown: expected one of 'compact', 'paper'"):
+    with pytest.raises(ValueError, match="size='huge' is unknown: expected one of 'compact', 'medium', 'paper'"):
         make_policy(RecurrentGuidePolicy, size="huge")
 
 
