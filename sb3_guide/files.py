@@ -148,8 +148,11 @@ def write_arrays(path: Path, arrays: Mapping[str, np.ndarray], metadata: dict[st
     :raises OSError: if it can't be written
     """
     with atomically(path) as partial:
+        partial.touch()
+        mode = partial.stat().st_mode  # safetensors would let nobody but the owner read it
         try:
             save_file({name: np.asarray(array, order="C") for name, array in arrays.items()}, partial, metadata)
+            partial.chmod(mode)
         except SafetensorError as error:
             raise OSError(f"{path} can't be written: {error}") from error
 

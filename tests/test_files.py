@@ -18,6 +18,12 @@ def test_a_file_that_could_not_be_finished_leaves_the_one_before_alone(tmp_path:
     assert (tmp_path / "text").read_text() == "before"
 
 
+def test_arrays_may_be_read_by_whom_other_files_may(tmp_path: Path) -> None:
+    write_text(tmp_path / "text", "words")
+    write_arrays(tmp_path / "arrays", {"numbers": np.zeros(3)})
+    assert (tmp_path / "arrays").stat().st_mode == (tmp_path / "text").stat().st_mode
+
+
 def test_a_full_disk_is_an_error_and_leaves_the_file_before_alone(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("before")
     code = f"""
