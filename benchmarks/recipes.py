@@ -28,17 +28,17 @@ def processor_seconds() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def train(level: str, seed: int, folder: Path) -> dict[str, float]:
+def train(level: str, seed: int, folder: Path, options: list[str]) -> dict[str, float]:
     """:return: seconds that the command took, and that it computed; the expert is in the folder then"""
     wall, processor = time.monotonic(), processor_seconds()
-    command = ["expert", "--level", level, "--seed", str(seed), "--out", str(folder)]
+    command = ["expert", "--level", level, "--seed", str(seed), "--out", str(folder), *options]
     subprocess.run([sys.executable, "-m", "sb3_guide.experiments.cli", *command], check=True)
     return {"wall_seconds": time.monotonic() - wall, "cpu_seconds": processor_seconds() - processor}
 
 
-def measure(level: str, seed: int, folder: Path, n_episodes: int) -> dict[str, Any]:
+def measure(level: str, seed: int, folder: Path, options: list[str], n_episodes: int) -> dict[str, Any]:
     """:return: what the recipe took and gave; also written beside the expert"""
-    took, policy, seeds = train(level, seed, folder), load_agent(folder), mission_seeds("analysis", n_episodes)
+    took, policy, seeds = train(level, seed, folder, options), load_agent(folder), mission_seeds("analysis", n_episodes)
     rows = read_table(folder / "progress.csv")
     bot_success, bot_length = of_bot(level, seeds)
     before_the_last = [row for row in rows if row["curriculum/part"] != rows[-1]["curriculum/part"]]
@@ -73,7 +73,11 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3, help="how many of each level, from 0 on")
     parser.add_argument("--episodes", type=int, default=1000, help="missions to evaluate on")
     parser.add_argument("--out", type=Path, required=True, help="folder for the experts")
+    for name, what in {"--config": "file of the recipes", "--init": "folder of an agent to start from"}.items():
+        parser.add_argument(name, help=f"{what}, as sb3-guide expert takes it")
     arguments = parser.parse_args()
+    chosen = {"--config": arguments.config, "--init": arguments.init}
+    options = [word for name, value in chosen.items() if value is not None for word in (name, value)]
     print("| level | seed | frames before the last part | frames | CPU s | wall s | drawn | steps | greedy | steps |", end="")
     print(" bot | steps |")
     print("|---" * 12 + "|")
@@ -81,7 +85,8 @@ def main() -> None:
         for seed in range(arguments.seeds):
             folder = arguments.out / f"{level}-{seed}"
             done = folder / "recipe.json"
-            print(row(read_json(done) if done.exists() else measure(level, seed, folder, arguments.episodes)), flush=True)
+            found = read_json(done) if done.exists() else measure(level, seed, folder, options, arguments.episodes)
+            print(row(found), flush=True)
 
 
 if __name__ == "__main__":
