@@ -19,6 +19,7 @@ from typing import NamedTuple
 from unittest.mock import patch
 
 import gymnasium
+import minigrid  # noqa: F401  registers its environments before a page does, for no page's registrations last
 import pytest
 import typer
 from sphinx.pycode import ModuleAnalyzer
