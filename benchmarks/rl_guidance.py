@@ -165,8 +165,11 @@ def contrasts(finals: pd.DataFrame, level: str, measure: str) -> list[Contrast]:
         if {a, b} <= set(took):
             both = took[[a, b]].dropna()
             contrast = paired(level, a, b, None, both[a].to_numpy(), both[b].to_numpy())
-            comparable = reached[[a, b]].any(axis=None)
-            found.append(contrast if comparable else replace(contrast, p_value=np.nan))
+            if not reached[[a, b]].all(axis=None):  # caps are alike, which says nothing of what they stand for
+                contrast = replace(contrast, low_90=np.nan, high_90=np.nan)
+            if not reached[[a, b]].any(axis=None):
+                contrast = replace(contrast, p_value=np.nan)
+            found.append(contrast)
     return found
 
 
