@@ -1,8 +1,8 @@
 """
 How long the experts' recipes take, seed by seed: `python -m benchmarks.recipes --seeds 3 --out runs/recipes`.
 
-Runs `sb3-guide expert` from nothing for each level and seed, evaluates what comes of it on fresh missions, beside Minigrid's
-bot, and prints a row for each. What is there already is not run again.
+Runs `sb3-guide expert`, with whatever options it is given besides its own, for each level and seed, evaluates what comes of
+it on fresh missions, beside Minigrid's bot, and prints a row for each. What is there already is not run again.
 """
 
 from __future__ import annotations
@@ -68,16 +68,12 @@ def row(found: dict[str, Any]) -> str:
 
 def main() -> None:
     """Run what is missing and print all."""
-    parser = argparse.ArgumentParser(description="Train experts by their recipes, from nothing.")
+    parser = argparse.ArgumentParser(description="Train experts by their recipes. Other options go to sb3-guide expert.")
     parser.add_argument("--levels", nargs="+", default=["GoToObj", "GoToLocal", "PickupLoc", "PutNextLocal"])
     parser.add_argument("--seeds", type=int, default=3, help="how many of each level, from 0 on")
     parser.add_argument("--episodes", type=int, default=1000, help="missions to evaluate on")
     parser.add_argument("--out", type=Path, required=True, help="folder for the experts")
-    for name, what in {"--config": "file of the recipes", "--init": "folder of an agent to start from"}.items():
-        parser.add_argument(name, help=f"{what}, as sb3-guide expert takes it")
-    arguments = parser.parse_args()
-    chosen = {"--config": arguments.config, "--init": arguments.init}
-    options = [word for name, value in chosen.items() if value is not None for word in (name, value)]
+    arguments, options = parser.parse_known_args()
     print("| level | seed | frames before the last part | frames | CPU s | wall s | drawn | steps | greedy | steps |", end="")
     print(" bot | steps |")
     print("|---" * 12 + "|")

@@ -165,9 +165,10 @@ def contrasts(finals: pd.DataFrame, level: str, measure: str) -> list[Contrast]:
         if {a, b} <= set(took):
             both = took[[a, b]].dropna()
             contrast = paired(level, a, b, None, both[a].to_numpy(), both[b].to_numpy())
-            if not reached[[a, b]].all(axis=None):  # caps are alike, which says nothing of what they stand for
+            known = reached.loc[both.index, [a, b]]
+            if not known.all(axis=None):  # caps are alike, which says nothing of what they stand for
                 contrast = replace(contrast, low_90=np.nan, high_90=np.nan)
-            if not reached[[a, b]].any(axis=None):
+            if not known.any(axis=None):
                 contrast = replace(contrast, p_value=np.nan)
             found.append(contrast)
     return found
