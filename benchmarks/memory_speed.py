@@ -51,7 +51,7 @@ def seconds(remember: Callable[..., th.Tensor], inputs: tuple[Any, ...], repeats
 
 def main() -> None:
     """Compare both for episodes of different mean lengths, and print a row for each."""
-    parser = argparse.ArgumentParser(description="The memory over similar sequences together, and over packed ones.")
+    parser = argparse.ArgumentParser(description="The memory over sequences step by step, and over packed ones.")
     parser.add_argument("--repeats", type=int, default=10, help="the fastest counts")
     arguments = parser.parse_args()
     th.set_num_threads(1)

@@ -9,7 +9,7 @@ from sb3_guide.policies.products import rounds, transform
 from sb3_guide.policies.through_time import WIDE, ThroughTime
 
 State = tuple[th.Tensor, th.Tensor]  # h and c of shape (1, B, hidden) each
-FEW = 64  # sequences
+FEW = 24  # sequences, up to which padding costs less than steps of our own
 
 
 class Memory(nn.Module):
@@ -35,23 +35,13 @@ class Memory(nn.Module):
         :param state: state before each sequence; None means that nothing was seen yet
         :return: the output at each frame (K, hidden)
         """
-        if rounds() or self.hidden >= WIDE:
-            none = features.new_zeros(len(lengths), self.hidden)
-            h, c = (none, none) if state is None else (state[0].squeeze(0), state[1].squeeze(0))
-            input_weight, weight, input_bias, bias = self.lstm.parameters()
-            inputs = transform(features, input_weight, input_bias + bias)
-            return ThroughTime.apply(inputs, position, lengths, h, c, weight)  # type: ignore[no-any-return]
-        first = lengths.cumsum(0) - lengths
-        outputs, frames = [], []
-        for rows in similar(lengths):
-            valid = is_frame(lengths[rows])
-            frame = first[rows].unsqueeze(1) + th.arange(valid.shape[1], device=lengths.device)
-            before = None if state is None else (state[0][:, rows], state[1][:, rows])
-            stand_in = frame.clamp(max=len(position) - 1)  # another sequence's frames are padding as good as any
-            output, _ = self.lstm(embedding(position[stand_in], features), before)
-            outputs.append(output[valid])
-            frames.append(frame[valid])
-        return th.cat(outputs)[th.cat(frames).argsort()]
+        if len(lengths) <= FEW and self.hidden < WIDE and not rounds():
+            return self._padded(features, position, lengths, state)[is_frame(lengths)]
+        none = features.new_zeros(len(lengths), self.hidden)
+        h, c = (none, none) if state is None else (state[0].squeeze(0), state[1].squeeze(0))
+        input_weight, weight, input_bias, bias = self.lstm.parameters()
+        inputs = transform(features, input_weight, input_bias + bias)
+        return ThroughTime.apply(inputs, position, lengths, h, c, weight)  # type: ignore[no-any-return]
 
     def step(self, features: th.Tensor, state: State) -> tuple[th.Tensor, State]:
         """
@@ -71,10 +61,14 @@ class Memory(nn.Module):
         :param lengths: (B,) frames in each sequence
         :return: the output at the last frame of each sequence (B, hidden)
         """
+        output = self._padded(features, position, lengths)
+        return output[th.arange(len(lengths), device=lengths.device), lengths - 1]
+
+    def _padded(self, features: th.Tensor, position: th.Tensor, lengths: th.Tensor, state: State | None = None) -> th.Tensor:
+        """:return: the output at each step of each sequence, with padding up to the longest (B, T, hidden)"""
         valid = is_frame(lengths)
         padded = position.new_zeros(valid.shape).masked_scatter(valid, position)
-        output, _ = self.lstm(embedding(padded, features))
-        return output[th.arange(len(lengths), device=lengths.device), lengths - 1]
+        return self.lstm(embedding(padded, features), state)[0]  # type: ignore[no-any-return]
 
 
 def is_frame(lengths: th.Tensor) -> th.Tensor:
@@ -83,18 +77,6 @@ def is_frame(lengths: th.Tensor) -> th.Tensor:
     :return: (B, T) bool, whether there is a frame, with padding behind each sequence up to the longest
     """
     return th.arange(int(lengths.max()), device=lengths.device) < lengths.unsqueeze(1)
-
-
-def similar(lengths: th.Tensor) -> list[th.Tensor]:
-    """
-    :param lengths: (B,) frames in each sequence
-    :return: groups of sequences, none of them half as long as the longest of its group or shorter; a single group where there
-        are so few that a time step takes as long for all of them as for some
-    """
-    if len(lengths) <= FEW:
-        return [th.arange(len(lengths), device=lengths.device)]
-    power = lengths.log2().ceil()
-    return [(power == group).nonzero().squeeze(1) for group in power.unique()]
 
 
 def scene_of(memory: th.Tensor, lengths: th.Tensor, first: th.Tensor | None = None) -> Scene:

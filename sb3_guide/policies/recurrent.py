@@ -62,21 +62,18 @@ class CarriedMemory(AgentPolicy, RecurrentActorCriticPolicy):
         scene = Scene(th.arange(len(memory), device=memory.device), lambda: before[0].squeeze(0))
         return self.network.latent(memory, scene), state
 
-    def _carry(self, obs: Observations, state: State, episode_starts: th.Tensor) -> Latent:
+    def _carry(self, obs: Observations, state: State, episode_starts: th.Tensor) -> tuple[Latent, th.Tensor]:
         """
         :param obs: of n_seq sequences of T steps each, flattened; zeros where RecurrentPPO padded
         :param state: (h, c) before each sequence, (1, n_seq, state_size) each
         :param episode_starts: (n_seq * T,); episodes begin at the first step of a sequence or before it, never inside
-        :return: latent of n_seq * T steps
+        :return: latent of the K frames that are no padding, and (n_seq * T,) bool, which they are
         """
         n_seq = state[0].shape[1]
         sequences, valid = unpadded(obs, n_seq)
         before = started_anew(state, episode_starts.view(n_seq, -1)[:, 0])
-        remembered = self.network.remember(sequences, before)
-        memory = remembered.new_zeros(valid.numel(), remembered.shape[1])
-        memory[valid.flatten()] = remembered
-        steps = valid.new_full((n_seq,), valid.shape[1], dtype=th.long)
-        return self.network.latent(memory, scene_of(memory, steps, before[0].squeeze(0)))
+        memory = self.network.remember(sequences, before)
+        return self.network.latent(memory, scene_of(memory, sequences.lengths, before[0].squeeze(0))), valid.flatten()
 
     def forward(  # type: ignore[override]
         self, obs: Observations, lstm_states: RNNStates, episode_starts: th.Tensor, deterministic: bool = False
@@ -102,10 +99,23 @@ class CarriedMemory(AgentPolicy, RecurrentActorCriticPolicy):
     def evaluate_actions(  # type: ignore[override]
         self, obs: Observations, actions: th.Tensor, lstm_states: RNNStates, episode_starts: th.Tensor
     ) -> tuple[th.Tensor, th.Tensor, th.Tensor | None]:
-        latent = self._carry(obs, lstm_states.pi, episode_starts)
+        latent, valid = self._carry(obs, lstm_states.pi, episode_starts)
         distribution = self.exploring_distribution(latent)
         values = self.value_net(self.mlp_extractor.forward_critic(latent))  # type: ignore[arg-type]
-        return values, distribution.log_prob(actions), distribution.entropy()
+        entropy = distribution.entropy()
+        assert entropy is not None
+        return padded(values, valid), padded(distribution.log_prob(actions[valid]), valid), padded(entropy, valid)
+
+
+def padded(of_frames: th.Tensor, valid: th.Tensor) -> th.Tensor:
+    """
+    :param of_frames: (K, ...)
+    :param valid: (N,) bool, which steps the K frames are
+    :return: (N, ...) zeros at the steps of padding, which RecurrentPPO ignores
+    """
+    found = of_frames.new_zeros(len(valid), *of_frames.shape[1:])
+    found[valid] = of_frames
+    return found
 
 
 def started_anew(state: State, episode_starts: th.Tensor) -> State:

@@ -8,25 +8,11 @@ import torch as th
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sb3_guide.policies.memory import FEW, WIDE, Memory, similar
+from sb3_guide.policies.memory import FEW, WIDE, Memory
 from sb3_guide.policies.products import rounded_products
 
 
-@given(st.lists(st.integers(1, 200), min_size=FEW + 1, max_size=2 * FEW))
-def test_groups_of_similar_sequences(lengths):
-    groups = similar(th.tensor(lengths))
-    assert sorted(th.cat(groups).tolist()) == list(range(len(lengths)))
-    for rows in groups:
-        longest = max(lengths[row] for row in rows)
-        assert all(2 * lengths[row] > longest for row in rows)
-
-
-@given(st.lists(st.integers(1, 200), min_size=1, max_size=FEW))
-def test_a_few_sequences_are_one_group(lengths):
-    assert [rows.tolist() for rows in similar(th.tensor(lengths))] == [list(range(len(lengths)))]
-
-
-@pytest.mark.parametrize("few", [0, FEW], ids=["grouped", "in one group"])
+@pytest.mark.parametrize("few", [0, FEW], ids=["step by step", "padded"])
 @given(lengths=st.lists(st.integers(1, 20), min_size=1, max_size=6), seed=st.integers(0, 2**31))
 def test_each_sequence_is_remembered_as_if_it_were_alone(few, lengths, seed):
     with patch("sb3_guide.policies.memory.FEW", few):

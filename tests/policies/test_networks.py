@@ -118,7 +118,9 @@ def test_padded_sequences_equal_single_steps(carried_class, tmp_path):
     actions = th.arange(8) % 7
     with th.no_grad():
         obs = {"image": images.flatten(0, 1), "mission": missions}
-        values, log_prob, _ = policy.evaluate_actions(obs, actions, RNNStates(start, start), starts.flatten())
+        values, log_prob, entropy = policy.evaluate_actions(obs, actions, RNNStates(start, start), starts.flatten())
+        for part in (values, log_prob, entropy):
+            assert not part[-2:].any()
         state = start
         for step in range(steps):
             worlds = 1 if step >= 2 else 2
@@ -130,6 +132,7 @@ def test_padded_sequences_equal_single_steps(carried_class, tmp_path):
             row = th.arange(worlds) * steps + step
             assert th.allclose(values[row], value, atol=1e-5)
             assert th.allclose(log_prob[row], distribution.log_prob(actions[row]), atol=1e-5)
+            assert th.allclose(entropy[row], distribution.entropy(), atol=1e-5)
 
 
 def test_carried_memory_equals_sb3_contribs_loop_over_time():
@@ -143,7 +146,7 @@ def test_carried_memory_equals_sb3_contribs_loop_over_time():
     with th.no_grad():
         features = policy.network.film(obs)
         expected, after = RecurrentActorCriticPolicy._process_sequence(features, state, starts.flatten(), lstm)
-        latent = policy._carry(obs, state, starts.flatten())
+        latent, _ = policy._carry(obs, state, starts.flatten())
         for step in range(steps):
             row = th.arange(n_seq) * steps + step
             _, state = policy._step({name: part[row] for name, part in obs.items()}, state, starts[:, step])
