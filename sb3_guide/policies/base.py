@@ -21,6 +21,7 @@ from sb3_guide.policies.sequences import Observations
 
 TWO_LAYERS = {"pi": [64], "vf": [64]}  # one hidden layer and SB3's linear head: the paper's two-layered policy module
 MAX_UNITS, MAX_LAYERS = 2048, 8
+EXTRACTOR = {"features_extractor_class", "features_extractor_kwargs", "share_features_extractor"}
 
 
 class Heads(MlpExtractor):
@@ -72,7 +73,7 @@ class AgentPolicy(ActorCriticPolicy):
     :param network_kwargs: sizes and message shape, as the network's constructor names them
     :param agent_kwargs: what a constructor of a subclass was called with beyond SB3's own arguments
     :param kwargs: as in SB3's ``ActorCriticPolicy``
-    :raises ValueError: if an agent can't see or act there
+    :raises ValueError: if an agent can't see or act there, or for a features extractor of one's own
     """
 
     network_class: ClassVar[type[AgentNetwork]]
@@ -91,6 +92,7 @@ class AgentPolicy(ActorCriticPolicy):
         **kwargs: Any,
     ) -> None:
         check_spaces(observation_space, action_space)
+        check_left_out(kwargs, EXTRACTOR)
         self.agent_kwargs = agent_kwargs
         if optimizer_kwargs is None and kwargs.get("optimizer_class", th.optim.Adam) is th.optim.Adam:
             optimizer_kwargs = {"eps": 1e-5, "fused": True}
@@ -202,3 +204,16 @@ class AgentPolicy(ActorCriticPolicy):
         """
         latent = self.channel.latent_of_each_message(memory)
         return self.action_net(self.mlp_extractor.policy_net(latent)).log_softmax(dim=-1)
+
+
+def check_left_out(policy_kwargs: dict[str, Any], names: set[str]) -> None:
+    """
+    :param policy_kwargs: that a user gave
+    :param names: of settings that SB3 or sb3-contrib knows, and that an agent's network leaves no choice of
+    :raises ValueError: if any of them is given
+    """
+    if given := sorted(policy_kwargs.keys() & names):
+        raise ValueError(
+            f"policy_kwargs have {', '.join(given)}, which the agent's own network decides: leave that out; "
+            "size='compact', 'medium' or 'paper' chooses how wide the network is"
+        )

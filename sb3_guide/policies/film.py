@@ -9,7 +9,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
 from sb3_guide.policies.gru import input_gates, next_hidden
-from sb3_guide.policies.picture import Picture, picture_of, words_of
+from sb3_guide.policies.picture import Picture, check_values, picture_of, words_of
 from sb3_guide.policies.products import transform, transform_looked_up
 from sb3_guide.policies.sequences import Observations, Sequences, distinct, frames
 from sb3_guide.policies.sizes import Size, size_of
@@ -38,8 +38,10 @@ class InstructionEncoder(nn.Module):
         """
         :param missions: (N, words) word ids
         :return: (N, instruction)
+        :raises ValueError: if there are no such words
         """
         words, missions = missions.unique(return_inverse=True)  # those that occur, and each as the number of one of them
+        check_values("missions", words[0], words[-1], self.embedding.num_embeddings)
         gates, longest = input_gates(self.embedding(words), self.gru), int((words[missions] > 0).sum(dim=1).max())
         hidden, beginning = gates.new_zeros(1, self.gru.hidden_size), missions.new_zeros(len(missions))
         for step, word in enumerate(missions[:, : max(longest, 1)].t()):
@@ -130,6 +132,7 @@ class CompactVision(Vision):
     def __init__(self, size: Size, picture: Picture) -> None:
         super().__init__()
         values, kinds = cells_of(picture), math.prod(cells_of(picture))
+        self.n_values = max(values)
         self.parts = nn.ModuleList(nn.Embedding(count, size.cell) for count in values)
         self.whole = nn.Embedding(kinds, size.cell) if kinds <= KINDS else None
         self.film_cells = FiLM(size.instruction, size.cell)
@@ -143,6 +146,7 @@ class CompactVision(Vision):
 
     def whole_view(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
         cells = images.flatten(1, 2).long()  # (N, cells, channels)
+        check_values("cells of images", *cells.aminmax(), self.n_values)
         weight, bias = self.convolution.parameters()
         if self.whole is None:
             return transform(self.modulated_each(cells, instructions, row).flatten(1), weight, bias)

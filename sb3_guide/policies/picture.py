@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+import torch as th
 from gymnasium import spaces
 from stable_baselines3.common.preprocessing import is_image_space_channels_first
 
@@ -101,3 +102,18 @@ def check_spaces(observation_space: spaces.Space, action_space: spaces.Space) ->
         )
     if not isinstance(action_space, spaces.Discrete) or action_space.start != 0 or action_space.n > ACTIONS:
         raise ValueError(f"the actions are {action_space}: expected a Discrete space of at most {ACTIONS} that starts at 0")
+
+
+def check_values(what: str, low: th.Tensor, high: th.Tensor, count: int) -> None:
+    """
+    :param what: is observed, in the plural
+    :param low: the least value of it
+    :param high: the greatest
+    :param count: how many there are, from 0 on
+    :raises ValueError: if there are others
+    """
+    if low < 0 or high >= count:
+        raise ValueError(
+            f"{what} have values from {low} to {high}: expected 0 to {count - 1}, as the observation space says; VecNormalize "
+            "needs norm_obs=False before an agent"
+        )

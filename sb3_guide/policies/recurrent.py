@@ -11,11 +11,13 @@ from stable_baselines3.common.type_aliases import Schedule
 from torch import nn
 
 from sb3_guide.policies.agents import GuideAgent, GuidedLearnerAgent, LearnerAgent
-from sb3_guide.policies.base import AgentPolicy
+from sb3_guide.policies.base import AgentPolicy, check_left_out
 from sb3_guide.policies.interventions import Scene
 from sb3_guide.policies.memory import State, scene_of
 from sb3_guide.policies.networks import Latent
 from sb3_guide.policies.sequences import Observations, frames, unpadded
+
+LSTM = {"lstm_hidden_size", "n_lstm_layers", "shared_lstm", "enable_critic_lstm", "lstm_kwargs"}
 
 
 class StateShape(nn.Module):
@@ -40,6 +42,7 @@ class CarriedMemory(AgentPolicy, RecurrentActorCriticPolicy):
     def __init__(
         self, observation_space: spaces.Dict, action_space: spaces.Discrete, lr_schedule: Schedule, **kwargs: Any
     ) -> None:
+        check_left_out(kwargs, LSTM)
         # RecurrentActorCriticPolicy builds an LSTM of its own: the smallest there is, to be replaced at once
         kwargs = {**kwargs, "lstm_hidden_size": 1, "shared_lstm": True, "enable_critic_lstm": False}
         super().__init__(observation_space, action_space, lr_schedule, **kwargs)

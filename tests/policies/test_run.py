@@ -5,6 +5,7 @@ import torch as th
 from sb3_contrib import RecurrentPPO
 from sb3_contrib.common.recurrent.type_aliases import RNNStates
 from stable_baselines3 import A2C, PPO
+from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_guide.envs import GuideGridVecEnv
 from sb3_guide.policies import GuidePolicy, PretrainedGuide, RecurrentGuidePolicy, save_agent
@@ -31,6 +32,22 @@ def test_every_policy_learns_in_every_algorithm(algorithm, policy, guide_of):
     model.learn(128)
     unchanged = {name.split(".")[-2] for name, weight in model.policy.named_parameters() if th.equal(weight, before[name])}
     assert unchanged == ({"inverse_temperature"} if policy == "GuidePolicy" else set())  # of what no gradient passes through
+
+
+@pytest.mark.parametrize("key", ["image", "mission"])
+def test_normalised_observations_are_refused(key):
+    env = VecNormalize(GuideGridVecEnv(LEVEL, 4), norm_obs_keys=[key])
+    with pytest.raises(ValueError, match=r"have values from -\d+ to \d+: expected 0 to \d+.* norm_obs=False"):
+        PPO("LearnerPolicy", env, n_steps=32).learn(128)
+
+
+@pytest.mark.parametrize("algorithm", [PPO, RecurrentPPO])
+def test_what_the_network_decides_is_no_setting(algorithm):
+    settings = {"share_features_extractor": False, "features_extractor_class": object}
+    settings |= {"lstm_hidden_size": 32, "n_lstm_layers": 2} if algorithm is RecurrentPPO else {}
+    for name, value in settings.items():
+        with pytest.raises(ValueError, match=f"policy_kwargs have {name}, which the agent's own network decides"):
+            algorithm("LearnerPolicy", LEVEL, policy_kwargs={name: value})
 
 
 def test_a_single_environment_by_its_id():
