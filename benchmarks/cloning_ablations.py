@@ -72,13 +72,12 @@ def success_rates(
     algorithm, loader = episode_bc(policy, train, seed=seed, logger=silent, **settings)
     metrics, rates = Validation(policy, mission_seeds("validation", 200), [validation]), []
 
-    def count() -> None:
-        loader.epoch += 1
+    def validate() -> None:
         if loader.epoch in EPOCHS:
             rates.append(metrics.play(train.level)["success_rate"])
             policy.set_training_mode(True)
 
-    algorithm.train(n_epochs=max(EPOCHS), on_epoch_end=count, progress_bar=False)
+    algorithm.train(n_epochs=max(EPOCHS), on_epoch_end=validate, progress_bar=False)
     return rates
 
 

@@ -14,7 +14,8 @@ import torch as th
 from sb3_contrib.common.recurrent.type_aliases import RNNStates
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
-from stable_baselines3.common.vec_env import VecMonitor
+from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecTransposeImage
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvWrapper
 
 from sb3_guide.callbacks.success import EpisodeSuccesses
 from sb3_guide.files import atomically
@@ -28,13 +29,15 @@ MONITORED = ("episode_returns", "episode_lengths")  # of VecMonitor, in the mids
 class TrainingCheckpoint(BaseCallback):
     """
     Save the state of an on-policy training before a rollout starts, such that :func:`restore_training` goes on as if nothing
-    had happened. The file is written atomically: the last good one is always there.
+    had happened. The file is written atomically: the last good one is always there. The environments must be such as
+    GuideGridVecEnv, whose state can be told, in a VecMonitor or not; other wrappers would lose theirs, so they are refused.
 
     :param path: of the file
     :param watchers: callbacks whose own state belongs to it
     :param extra: called at each save for what else is to be kept: plain values and tensors
     :param every_n_rollouts: save before one rollout in so many
     :param verbose: as in SB3
+    :raises ValueError: if the state of the environments can't be told, as the training starts
     """
 
     def __init__(
@@ -51,6 +54,10 @@ class TrainingCheckpoint(BaseCallback):
         self.extra = extra
         self.every_n_rollouts = every_n_rollouts
         self.n_rollouts = 0
+
+    def _init_callback(self) -> None:
+        assert self.model.env is not None
+        monitor_of(self.model.env)
 
     def _on_step(self) -> bool:
         return True
@@ -110,7 +117,7 @@ def training_state(model: OnPolicyAlgorithm) -> dict[str, Any]:
     """
     assert model.env is not None
     assert model._last_obs is not None
-    monitor = model.env if isinstance(model.env, VecMonitor) else None
+    monitor = monitor_of(model.env)
     lstm = getattr(model, "_last_lstm_states", None)
     return {
         "policy": model.policy.state_dict(),
@@ -151,11 +158,32 @@ def restore_training(model: OnPolicyAlgorithm, state: dict[str, Any], watchers: 
     model.env.set_state(arrays(state["worlds"]))  # type: ignore[attr-defined]
     if state["monitor"] is not None:
         for name, value in arrays(state["monitor"]).items():
-            setattr(model.env, name, value)
+            setattr(monitor_of(model.env), name, value)
     episodes = ({name: value[()] for name, value in arrays(info).items()} for info in state["episodes"])
     model.ep_info_buffer = deque(episodes, maxlen=model._stats_window_size)
     model.ep_success_buffer = deque(state["successes"], maxlen=model._stats_window_size)
     restore_random_streams(state["random"])
+
+
+def monitor_of(env: VecEnv) -> VecMonitor | None:
+    """
+    :param env: of a training that is to be saved
+    :return: the VecMonitor around it, if there is one
+    :raises ValueError: if the state of worlds or wrappers can't be told
+    """
+    monitor = None
+    while isinstance(env, VecEnvWrapper):
+        if not isinstance(env, VecMonitor | VecTransposeImage):
+            raise ValueError(
+                f"the state of a {type(env).__name__} would be lost: expected GuideGridVecEnv, in a VecMonitor or by itself"
+            )
+        monitor = env if isinstance(env, VecMonitor) else monitor
+        env = env.venv
+    if not hasattr(env, "get_state"):
+        raise ValueError(
+            f"the state of a {type(env).__name__} can't be told: expected GuideGridVecEnv, in a VecMonitor or not"
+        )
+    return monitor
 
 
 def random_streams() -> dict[str, Any]:

@@ -131,11 +131,13 @@ class Curriculum(EpisodeSuccesses):
         return enough or (frames is not None and self.frames >= frames)
 
     def _init_callback(self) -> None:
+        if self.model is not self.owner:
+            self.position, self.usual = -1, {name: getattr(self.model, name) for name in SETTINGS}
         super()._init_callback()
-        if self.position < 0:
-            self.usual = {name: getattr(self.model, name) for name in SETTINGS}
 
     def _on_training_start(self) -> None:
+        if self.model.num_timesteps == 0:
+            self.position = -1
         if self.position < 0:
             self._begin_next()
 

@@ -46,9 +46,10 @@ class LanguagePictures:
         boards = [output for output in outputs if isinstance(output, TensorBoardOutputFormat)]
         if not boards:
             return
-        training = self.policy.training
+        training, chance = self.policy.training, self.policy.channel.chance.get_state()
         reading = read(self.policy, self.level, self.seeds)
         self.policy.set_training_mode(training)
+        self.policy.channel.chance.set_state(chance)
         for board in boards:
             show(board, reading, self.level, step)
 

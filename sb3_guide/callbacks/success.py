@@ -4,12 +4,14 @@ from collections import deque
 from typing import Any
 
 import numpy as np
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
 
 class EpisodeSuccesses(BaseCallback):
     """
-    Remember whether the last episodes succeeded. An episode succeeds where its last ``info`` says ``is_success``.
+    Remember whether the last episodes succeeded. An episode succeeds where its last ``info`` says ``is_success``. Another
+    training, of another model or from frame 0 on, is not judged by what was before.
 
     :param verbose: as in SB3
     """
@@ -17,6 +19,7 @@ class EpisodeSuccesses(BaseCallback):
     def __init__(self, verbose: int = 0) -> None:
         super().__init__(verbose)
         self.successes: deque[bool] = deque()
+        self.owner: BaseAlgorithm | None = None  # whose successes these are
 
     @property
     def n_episodes(self) -> int:
@@ -24,7 +27,12 @@ class EpisodeSuccesses(BaseCallback):
         raise NotImplementedError
 
     def _init_callback(self) -> None:
-        self.successes = deque(self.successes, maxlen=self.n_episodes)
+        if self.model is not self.owner:
+            self.owner, self.successes = self.model, deque(maxlen=self.n_episodes)
+
+    def _on_training_start(self) -> None:
+        if self.model.num_timesteps == 0:
+            self.successes.clear()
 
     def _on_step(self) -> bool:
         for world in np.flatnonzero(self.locals["dones"]):
@@ -41,6 +49,7 @@ class EpisodeSuccesses(BaseCallback):
         """
         :param state: of :meth:`get_state`; the callback knows its model already
         """
+        self.successes.clear()
         self.successes.extend(state["successes"])
 
 

@@ -37,7 +37,7 @@ class EpisodeLoader:
         self.episodes = episodes
         self.batch_size = batch_size
         self.seed = seed
-        self.epoch = 0  # the one that is read next; whoever trains counts it up
+        self.epoch = 0  # the one that is read next
 
     def __len__(self) -> int:
         """:return: batches in an epoch"""
@@ -47,6 +47,7 @@ class EpisodeLoader:
         order = np.random.default_rng([self.seed, self.epoch]).permutation(len(self.episodes))
         for start in range(0, len(order) - self.batch_size + 1, self.batch_size):
             yield self._batch(self.episodes.select(order[start : start + self.batch_size]))
+        self.epoch += 1
 
     def _batch(self, chosen: Episodes) -> dict[str, Any]:
         """:return: images (B, T, ...), missions (B, words), lengths (B,) and actions (B, T) of B episodes"""

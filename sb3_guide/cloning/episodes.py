@@ -13,7 +13,7 @@ from stable_baselines3.common.policies import BasePolicy
 from sb3_guide.envs import GuideGridVecEnv, Worlds, is_level, worlds_of
 from sb3_guide.policies import AgentPolicy
 from sb3_guide.policies.networks import GuideNetwork
-from sb3_guide.policies.sequences import Sequences, history_of
+from sb3_guide.policies.sequences import MISSION_CHANGED, Sequences, history_of
 
 WORLDS = 1024  # episodes that are played side by side
 OTHER_WORLDS = 8  # where every world is an environment of its own, and may take long to make
@@ -152,7 +152,8 @@ def play(
     :param on_progress: called with the number of episodes that were finished since the last call
     :param deterministic: take the most probable action; else draw it, as SB3 does, from torch's global generator
     :return: E episodes in the order of the seeds
-    :raises ValueError: if there are no seeds, or the policy's observation space is not the environment's
+    :raises ValueError: if there are no seeds, the policy's observation space is not the environment's, or a mission changes
+        within an episode
     """
     if not len(seeds):
         raise ValueError("0 episodes were asked for: expected at least 1")
@@ -205,6 +206,8 @@ def play_together(
         goes_on = ~dones[active]
         on_progress(len(ended))
         active = active[goes_on]
+        if "mission" in names and (obs["mission"][active] != missions[active]).any():
+            raise ValueError(MISSION_CHANGED)
         state = None if state is None else tuple(part[:, goes_on] for part in state)
     order = np.argsort(np.concatenate(worlds), kind="stable")  # by episode, then by time
     lengths = np.bincount(np.concatenate(worlds))

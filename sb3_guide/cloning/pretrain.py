@@ -44,8 +44,4 @@ def pretrain(
         seed=seed,
         logger=HierarchicalLogger(model.logger),
     )
-
-    def count() -> None:
-        loader.epoch += 1
-
-    algorithm.train(n_epochs=n_epochs, on_epoch_end=count, progress_bar=False, log_interval=len(loader))
+    algorithm.train(n_epochs=n_epochs, progress_bar=False, log_interval=len(loader))

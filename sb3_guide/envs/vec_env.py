@@ -128,13 +128,14 @@ class GuideGridVecEnv(VecEnv):
             self.seed(seed)
 
     @classmethod
-    def from_env_fns(cls, env_fns: Sequence[Callable[[], gymnasium.Env]]) -> VecEnv:
+    def from_env_fns(cls, env_fns: Sequence[Callable[[], gymnasium.Env]], n_threads: int = 1) -> VecEnv:
         """
         Serve as `vec_env_cls` in SB3's `make_vec_env`.
 
         :param env_fns: each makes a GuideGrid env of the same level, history and render mode, at most within a Monitor
+        :param n_threads: see :class:`GuideGridVecEnv`
         :return: one VecEnv of as many worlds, within a VecMonitor if the envs have Monitors
-        :raises ValueError: if they are not alike, or another wrapper would get lost
+        :raises ValueError: if they are not alike, or another wrapper, or what a Monitor writes, would get lost
         """
         envs = [make() for make in env_fns]
         if not envs:
@@ -147,7 +148,7 @@ class GuideGridVecEnv(VecEnv):
                 f"env_fns make different envs {sorted(map(str, kinds))}: expected one level, history and render mode"
             )
         level, history, render_mode, monitored = kinds.pop()
-        venv = cls(level, len(envs), history=history, render_mode=render_mode)
+        venv = cls(level, len(envs), history=history, render_mode=render_mode, n_threads=n_threads)
         return VecMonitor(venv) if monitored else venv
 
     @property
@@ -273,6 +274,12 @@ def _kind_of(env: gymnasium.Env) -> tuple[str, int, str | None, bool]:
     while isinstance(env, gymnasium.Wrapper):
         if not isinstance(env, (Monitor, OrderEnforcing, PassiveEnvChecker)):
             raise ValueError(f"the wrapper {type(env).__name__} cannot be kept: use a VecEnvWrapper instead")
-        monitored |= isinstance(env, Monitor)
+        if isinstance(env, Monitor):
+            if env.results_writer is not None or env.info_keywords:
+                raise ValueError(
+                    "what a Monitor writes cannot be kept: leave monitor_dir and info_keywords out, and use "
+                    "VecMonitor(GuideGridVecEnv(...), filename, info_keywords)"
+                )
+            monitored = True
         env = env.env
     return base.level.name, base.history, base.render_mode, monitored

@@ -15,7 +15,8 @@ def topographic_similarity(meanings: np.ndarray, messages: np.ndarray, weights: 
 
     :param meanings: (N, N) int64, such as :func:`differences` in attributes
     :param messages: (N, N) int64, such as :func:`edit_distances`
-    :param weights: (N,) how often each frame counts; None for once
+    :param weights: (N,) a pair counts as the product of its frames' weights, which are 1 for None; a frame is no pair with
+        itself, however much it counts
     :return: from -1 to 1; NaN where all meanings or all messages are equally far from each other
     :raises ValueError: if the two differ in shape
     """

@@ -42,7 +42,8 @@ class InstructionEncoder(nn.Module):
         """
         words, missions = missions.unique(return_inverse=True)  # those that occur, and each as the number of one of them
         check_values("missions", words[0], words[-1], self.embedding.num_embeddings)
-        gates, longest = input_gates(self.embedding(words), self.gru), int((words[missions] > 0).sum(dim=1).max())
+        gates, read = input_gates(self.embedding(words), self.gru), (words[missions] > 0).any(dim=0)  # (words,) columns
+        longest = int((read * th.arange(1, len(read) + 1, device=read.device)).max())
         hidden, beginning = gates.new_zeros(1, self.gru.hidden_size), missions.new_zeros(len(missions))
         for step, word in enumerate(missions[:, : max(longest, 1)].t()):
             beginnings, beginning = (beginning * len(words) + word).unique(return_inverse=True)
@@ -132,7 +133,6 @@ class CompactVision(Vision):
     def __init__(self, size: Size, picture: Picture) -> None:
         super().__init__()
         values, kinds = cells_of(picture), math.prod(cells_of(picture))
-        self.n_values = max(values)
         self.parts = nn.ModuleList(nn.Embedding(count, size.cell) for count in values)
         self.whole = nn.Embedding(kinds, size.cell) if kinds <= KINDS else None
         self.film_cells = FiLM(size.instruction, size.cell)
@@ -146,7 +146,6 @@ class CompactVision(Vision):
 
     def whole_view(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
         cells = images.flatten(1, 2).long()  # (N, cells, channels)
-        check_values("cells of images", *cells.aminmax(), self.n_values)
         weight, bias = self.convolution.parameters()
         if self.whole is None:
             return transform(self.modulated_each(cells, instructions, row).flatten(1), weight, bias)
@@ -323,6 +322,7 @@ class FiLMExtractor(BaseFeaturesExtractor):
 
         :param sequences: B sequences of K frames in all
         :return: features of the distinct frames (U, features_dim), and which of them belongs to each frame (K,)
+        :raises ValueError: if there are no such words or cells
         """
         images, missions, lengths = sequences
         representatives, kind = distinct(missions)
@@ -331,6 +331,8 @@ class FiLMExtractor(BaseFeaturesExtractor):
         looks = images.flatten(1) if self.picture.values is not None else distinct(bits(images))[1].unsqueeze(1)
         shown, position = distinct(th.cat([looks, mission_of_image.unsqueeze(1)], dim=1))
         seen = images[shown].movedim(1, -1) if self.picture.channels_first else images[shown]
+        if self.picture.values is not None:
+            check_values("cells of images", *seen.aminmax(), max(self.picture.values))
         return self.vision(seen, instructions, mission_of_image[shown]), position
 
 

@@ -5,7 +5,6 @@ from typing import NamedTuple
 import numpy as np
 import torch as th
 from gymnasium import spaces
-from stable_baselines3.common.preprocessing import is_image_space_channels_first
 
 PIXELS = 36  # on the shorter side, from which on bytes are colours; they are numbers of what lies in a cell below
 CELL_VALUES = 256  # that a channel of a cell may take
@@ -49,7 +48,8 @@ def picture_of(observation_space: spaces.Space) -> Picture:
         )
     bytes_ = image.dtype == np.uint8 and (image.low == 0).all() and (image.high == 255).all()
     pixels = np.issubdtype(image.dtype, np.floating) or (bytes_ and min(sorted(image.shape)[1:]) >= PIXELS)
-    channels_first = bool((bytes_ or pixels) and is_image_space_channels_first(image))
+    # SB3 turns no picture whose channels are not the fewest
+    channels_first = bool((bytes_ or pixels) and image.shape[0] < min(image.shape[1:]))
     channels, height, width = image.shape if channels_first else np.roll(image.shape, 1).tolist()
     if pixels:
         if not (np.isfinite(image.low).all() and np.isfinite(image.high).all()):
@@ -104,16 +104,17 @@ def check_spaces(observation_space: spaces.Space, action_space: spaces.Space) ->
         raise ValueError(f"the actions are {action_space}: expected a Discrete space of at most {ACTIONS} that starts at 0")
 
 
-def check_values(what: str, low: th.Tensor, high: th.Tensor, count: int) -> None:
+def check_values(what: str, lowest: th.Tensor, highest: th.Tensor, count: int) -> None:
     """
     :param what: is observed, in the plural
-    :param low: the least value of it
-    :param high: the greatest
-    :param count: how many there are, from 0 on
+    :param lowest: value of it
+    :param highest: value of it
+    :param count: of values that there may be, from 0 on
     :raises ValueError: if there are others
     """
+    low, high = lowest.item(), highest.item()  # as numbers: 256 is 0 to a tensor of bytes
     if low < 0 or high >= count:
         raise ValueError(
-            f"{what} have values from {low} to {high}: expected 0 to {count - 1}, as the observation space says; VecNormalize "
-            "needs norm_obs=False before an agent"
+            f"{what} have values from {low:.3g} to {high:.3g}: expected 0 to {count - 1}, as the observation space says; "
+            "VecNormalize needs norm_obs=False before an agent"
         )

@@ -16,15 +16,15 @@ GUIDES = ("GuidePolicy", "RecurrentGuidePolicy")
 @dataclass
 class PretrainedGuide:
     """
-    What a ``GuidedLearnerPolicy`` takes as ``guide``. Only the description is pickled: where SB3 loads a model, the weights
-    come from the model's own zip.
+    What a ``GuidedLearnerPolicy`` takes as ``guide``. SB3 keeps it, weights included, in a model's zip, so that a Guide that
+    was trained along can be told from the one that it was.
 
     :param description: class and sizes of the Guide
     :param weights: of the Guide's speaker, by name; None where another source brings them
     """
 
     description: Description
-    weights: dict[str, th.Tensor] | None = field(default=None, repr=False)
+    weights: dict[str, th.Tensor] | None = field(default=None, repr=False, compare=False)
 
     @classmethod
     def of(cls, guide: "PretrainedGuide | Mapping[str, Any] | str | Path | None") -> "PretrainedGuide":
@@ -75,9 +75,6 @@ class PretrainedGuide:
     def carries_memory(self) -> bool:
         """Whether the Guide's memory goes through the episode; it remembers windows otherwise."""
         return self.description.policy == "RecurrentGuidePolicy"
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {"description": self.description, "weights": None}
 
 
 def within(weights: dict[str, th.Tensor], prefix: str) -> dict[str, th.Tensor]:

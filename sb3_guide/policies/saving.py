@@ -55,11 +55,17 @@ def save_agent(policy: AgentPolicy, folder: str | Path, level: str | None = None
     :param policy: one of this package's
     :param folder: made if need be; an agent that is there is replaced
     :param level: where the agent was trained, for the record
+    :raises ValueError: if the agent is not of this package, or :func:`load_agent` could not build it
     """
+    if not isinstance(policy, AgentPolicy):
+        raise ValueError(f"{type(policy).__name__} is no agent: expected one of {', '.join(POLICIES)}, such as model.policy")
+    activation = getattr(policy.activation_fn, "__name__", repr(policy.activation_fn))
+    if getattr(nn.modules.activation, activation, None) is not policy.activation_fn:
+        raise ValueError(f"activation_fn={activation} can't be loaded again: expected one of torch.nn's activation functions")
     kwargs: dict[str, Any] = {
         **policy.agent_kwargs,
         "net_arch": policy.net_arch,
-        "activation_fn": policy.activation_fn.__name__,
+        "activation_fn": activation,
     }
     assert isinstance(policy.observation_space, spaces.Dict)
     description = Description(

@@ -7,6 +7,10 @@ import torch as th
 from gymnasium import spaces
 
 Observations = dict[str, th.Tensor]
+MISSION_CHANGED = (
+    "a mission changed within an episode: agents that carry their memory, and demonstrations, expect the same one from "
+    "beginning to end; PPO and A2C, whose agents read a window, do not"
+)
 LONGS_AT_ONCE = 2**24  # numbers that are hashed at once, which bounds the memory that large pictures take
 
 
@@ -66,10 +70,13 @@ def unpadded(observations: Observations, n_seq: int) -> tuple[Sequences, th.Tens
     :param observations: of n_seq sequences of T steps each, flattened
     :param n_seq: how many sequences
     :return: the sequences, and (n_seq, T) bool, which steps are theirs
+    :raises ValueError: if a mission changes within a sequence
     """
     images, missions = (part.unflatten(0, (n_seq, -1)) for part in (observations["image"], missions_of(observations)))
     speaks = missions.ne(0).any(dim=-1)  # (n_seq, T)
     valid = speaks | ~speaks[:, :1]
+    if (missions.ne(missions[:, :1]).any(dim=-1) & valid).any():
+        raise ValueError(MISSION_CHANGED)
     return Sequences(images[valid], missions[:, 0], valid.sum(dim=1)), valid
 
 

@@ -5,7 +5,7 @@ import pytest
 import torch as th
 from sb3_contrib import RecurrentPPO
 from stable_baselines3 import A2C, PPO
-from stable_baselines3.common.vec_env import VecMonitor
+from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 from sb3_guide.callbacks import StopTrainingOnSuccessRate, SuccessRateCallback, TrainingCheckpoint, restore_training
 from sb3_guide.callbacks.checkpoint import load_state, save_state
@@ -43,6 +43,21 @@ def test_resumed_equals_uninterrupted(algorithm, tmp_path):
     assert [info["l"] for info in resumed.ep_info_buffer] == [info["l"] for info in whole.ep_info_buffer]
     for name, weight in whole.policy.state_dict().items():
         assert th.equal(weight, resumed.policy.state_dict()[name]), name
+
+
+@pytest.mark.parametrize(
+    ("env", "message"),
+    [
+        ("GuideGrid-GoToObj-v0", "the state of a DummyVecEnv can't be told: expected GuideGridVecEnv"),
+        (VecNormalize(GuideGridVecEnv("GoToObj", 2), norm_obs=False), "the state of a VecNormalize would be lost"),
+    ],
+    ids=["worlds", "wrapper"],
+)
+def test_what_can_not_be_restored_is_refused_at_once(env, message, tmp_path):
+    model = PPO("LearnerPolicy", env, n_steps=16)
+    with pytest.raises(ValueError, match=message):
+        model.learn(16, callback=TrainingCheckpoint(tmp_path / "training.pt"))
+    assert model.num_timesteps == 0
 
 
 def test_a_damaged_checkpoint_is_named(tmp_path):

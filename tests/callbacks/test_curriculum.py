@@ -64,6 +64,15 @@ def test_parts_follow_each_other_with_their_rates(algorithm):
     assert model.num_timesteps == 9 * ROLLOUT
 
 
+def test_another_training_begins_at_the_first_part():
+    curriculum, diary = Curriculum([{"level": "GoToObj", "n_timesteps": ROLLOUT, "ent_coef": 0.5}, PARTS[-1]]), Diary()
+    first, second = (build(PPO, GuideGridVecEnv(LEVEL, 8)) for _ in range(2))
+    second.ent_coef = 0.2
+    for model, usual in ((first, 0.1), (second, 0.2), (second, 0.2)):
+        model.learn(100 * ROLLOUT, callback=[curriculum, diary])
+        assert [row[2] for row in diary.rows] == [0.5, usual]
+
+
 def test_a_part_is_over_once_enough_of_its_own_episodes_succeeded():
     curriculum = Curriculum(
         [{"level": "GoToObj", "success_rate": 0.25}, {"level": "GoToObjMaze", "n_timesteps": 1}], n_episodes=8

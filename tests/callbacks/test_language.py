@@ -12,6 +12,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from sb3_guide.callbacks import LanguageCallback
 from sb3_guide.envs import GuideGridVecEnv
+from sb3_guide.speakers import speaker_folder
 
 LEVEL = "GuideGrid-GoToObj-v0"
 
@@ -40,6 +41,18 @@ def test_tensorboard_shows_messages_and_what_follows_them(algorithm, tmp_path):
 def test_training_is_the_same_with_and_without_it():
     without, watched = (learn(PPO, callback) for callback in (None, LanguageCallback("GoToObj", 4, 1)))
     weights = [list(model.policy.parameters()) for model in (without, watched)]
+    assert all(th.equal(a, b) for a, b in zip(*weights, strict=True))
+
+
+def test_not_even_where_the_channel_draws():
+    weights = []
+    for callback in (None, LanguageCallback("GoToObj", 4, 1)):
+        settings = {"guide": speaker_folder("GoToObj", "guide"), "hears": "uniform"}
+        model = RecurrentPPO(
+            "GuidedLearnerPolicy", GuideGridVecEnv(LEVEL, 4, history=0), n_steps=16, seed=0, policy_kwargs=settings
+        )
+        model.learn(128, callback=callback)
+        weights.append(list(model.policy.parameters()))
     assert all(th.equal(a, b) for a, b in zip(*weights, strict=True))
 
 

@@ -54,6 +54,17 @@ def test_it_waits_for_all_the_episodes_it_looks_at():
     assert len(watched.seen) >= 20
 
 
+def test_another_training_is_judged_by_its_own_episodes():
+    stop, watched = StopTrainingOnSuccessRate(0.01, n_episodes=20), Watched()
+    for model in [PPO("LearnerPolicy", GuideGridVecEnv(LEVEL, 4, seed=0), n_steps=16, seed=0) for _ in range(2)]:
+        for _ in range(2):
+            model.learn(10_000, callback=[watched, stop])
+            assert len(watched.seen) >= 20
+    kept = list(stop.successes)
+    model.learn(0, callback=stop, reset_num_timesteps=False)  # which goes on with the same training
+    assert list(stop.successes) == kept
+
+
 @pytest.mark.parametrize("kwargs", [{"success_rate": 0}, {"success_rate": 99}, {"success_rate": 0.9, "n_episodes": 0}])
 def test_numbers_out_of_range(kwargs):
     with pytest.raises(ValueError, match="expected"):

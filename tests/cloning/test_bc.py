@@ -52,6 +52,13 @@ def test_the_order_is_a_function_of_seed_and_epoch():
     assert order(0, 1) != order(1, 1)
 
 
+def test_each_epoch_has_an_order_of_its_own():
+    loader = EpisodeLoader(make_episodes([1] * 11), batch_size=4, seed=0)
+    epochs = [[tuple(mission) for batch in loader for mission in batch["obs"].get("mission")] for _ in range(5)]
+    assert loader.epoch == len({tuple(epoch) for epoch in epochs}) == 5
+    assert len({mission for epoch in epochs for mission in epoch}) == 11
+
+
 def test_an_epoch_shows_no_episode_twice():
     episodes = make_episodes([1] * 11)
     shown = [tuple(mission) for batch in EpisodeLoader(episodes, 4, 0) for mission in batch["obs"].get("mission")]

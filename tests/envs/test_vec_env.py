@@ -266,6 +266,8 @@ def test_from_env_fns_refuses_what_it_cannot_keep() -> None:
         GuideGridVecEnv.from_env_fns([lambda: Clipped(GuideGridEnv("GoToObj"))])
     with pytest.raises(ValueError, match="CartPole"):
         GuideGridVecEnv.from_env_fns([lambda: Monitor(gymnasium.make("CartPole-v1"))])
+    with pytest.raises(ValueError, match="what a Monitor writes cannot be kept"):
+        GuideGridVecEnv.from_env_fns([lambda: Monitor(GuideGridEnv("GoToObj"), info_keywords=("is_success",))])
     with pytest.raises(ValueError, match="empty"):
         GuideGridVecEnv.from_env_fns([])
 

@@ -23,9 +23,10 @@ from sb3_guide.policies import (
     load_agent,
     save_agent,
 )
-from sb3_guide.policies.film import CompactVision, PixelVision
+from sb3_guide.policies.film import CompactVision, InstructionEncoder, PixelVision
 from sb3_guide.policies.picture import picture_of
 from sb3_guide.policies.sequences import unpadded, windows
+from sb3_guide.policies.sizes import size_of
 from tests.toys import Signal
 
 KINDS = list(Signal.spaces_by_kind)
@@ -122,6 +123,31 @@ def test_the_extractor_sees_in_sb3s_own_policies_what_agents_see(kind):
     with th.no_grad():
         expected, position = ours.network.film.encode(windows(obs))
         assert th.allclose(theirs.extract_features(obs), expected[position], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "missions", [([0, 0, 1, 2], [0, 0, 3, 4]), ([0, 3, 0, 0], [0, 4, 0, 0]), ([1, 0, 2, 0], [1, 0, 3, 0])]
+)
+def test_every_word_is_read_wherever_padding_is(missions):
+    instruction = InstructionEncoder(6, size_of("compact"))
+    with th.no_grad():
+        one, other = instruction(th.tensor(missions))
+        assert not th.allclose(one, other)
+
+
+@pytest.mark.parametrize("shape", [(3, 3, 3), (3, 3, 5), (3, 5, 3)])
+def test_channels_are_last_where_sb3_does_not_turn_pictures(shape):
+    space = spaces.Dict({"image": spaces.Box(0, 255, shape, np.uint8)})
+    assert picture_of(space)[:3] == shape
+
+
+def test_a_mission_that_changes_within_an_episode():
+    policy = make(RecurrentLearnerPolicy, "cells", words=5)
+    obs = {"image": th.ones(4, 3, 5, 2, dtype=th.uint8), "mission": th.tensor([[1, 1], [1, 1], [2, 1], [2, 2]])}
+    assert unpadded({name: part[:2] for name, part in obs.items()}, 1)[0].lengths.tolist() == [2]
+    start = tuple(th.zeros(1, 2, policy.network.state_size) for _ in range(2))
+    with pytest.raises(ValueError, match="a mission changed within an episode"):
+        policy.evaluate_actions(obs, th.zeros(4), RNNStates(start, start), th.zeros(4))
 
 
 @pytest.mark.parametrize("words", [0, 5])

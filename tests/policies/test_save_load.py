@@ -1,6 +1,9 @@
 """Agents to disk and back."""
 
+import copy
+import functools
 import json
+import pickle
 import shutil
 import warnings
 
@@ -99,6 +102,31 @@ def test_sb3s_zip(tmp_path, policy):
     obs = model.get_env().reset()
     assert model.predict(obs, deterministic=True)[0] == loaded.predict(obs, deterministic=True)[0]
     loaded.learn(16)
+
+
+def test_a_copied_guide_says_what_it_said(guide):
+    pretrained = PretrainedGuide.from_folder(guide)
+    for copied in (copy.deepcopy(pretrained), pickle.loads(pickle.dumps(pretrained))):
+        assert copied == pretrained
+        assert all(th.equal(weight, copied.weights[name]) for name, weight in pretrained.weights.items())
+
+
+def test_sb3s_zip_may_be_loaded_with_the_settings_it_was_saved_with(tmp_path, guide):
+    settings = {"guide": PretrainedGuide.from_folder(guide)}
+    PPO("GuidedLearnerPolicy", LEVEL, policy_kwargs=settings).save(tmp_path / "model")
+    loaded = PPO.load(tmp_path / "model", policy_kwargs=settings)
+    anew = PPO("GuidedLearnerPolicy", LEVEL, policy_kwargs=loaded.policy_kwargs)
+    speakers = [model.policy.channel.speaker.state_dict() for model in (loaded, anew)]
+    assert all(th.equal(weight, speakers[1][name]) for name, weight in speakers[0].items())
+
+
+def test_what_can_not_be_loaded_again_is_not_saved(tmp_path):
+    with pytest.raises(ValueError, match=r"PPO is no agent: expected one of LearnerPolicy, .* such as model\.policy"):
+        save_agent(PPO("LearnerPolicy", LEVEL), tmp_path / "agent")
+    policy = make_policy(LearnerPolicy, activation_fn=functools.partial(th.nn.LeakyReLU, 0.2))
+    with pytest.raises(ValueError, match=r"activation_fn=.*LeakyReLU.* can't be loaded again"):
+        save_agent(policy, tmp_path / "agent")
+    assert not (tmp_path / "agent").exists()
 
 
 def test_a_guided_learner_without_a_guide():

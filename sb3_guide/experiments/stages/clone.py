@@ -309,7 +309,6 @@ class Cloning:
 
     def after_epoch(self) -> None:
         """Keep what the next epoch depends on."""
-        self.loader.epoch += 1
         state = {
             "policy": self.policy.state_dict(),
             "optimizer": self.algorithm.optimizer.state_dict(),
