@@ -38,10 +38,8 @@ class InstructionEncoder(nn.Module):
         """
         :param missions: (N, words) word ids
         :return: (N, instruction)
-        :raises ValueError: if there are no such words
         """
         words, missions = missions.unique(return_inverse=True)  # those that occur, and each as the number of one of them
-        check_values("missions", words[0], words[-1], self.embedding.num_embeddings)
         gates, read = input_gates(self.embedding(words), self.gru), (words[missions] > 0).any(dim=0)  # (words,) columns
         longest = int((read * th.arange(1, len(read) + 1, device=read.device)).max())
         hidden, beginning = gates.new_zeros(1, self.gru.hidden_size), missions.new_zeros(len(missions))
@@ -326,13 +324,15 @@ class FiLMExtractor(BaseFeaturesExtractor):
         """
         images, missions, lengths = sequences
         representatives, kind = distinct(missions)
-        instructions = self.instruction(missions[representatives].long())
+        spoken = missions[representatives]
+        check_values("missions", spoken, self.instruction.embedding.num_embeddings)
+        instructions = self.instruction(spoken.long())
         mission_of_image = kind.repeat_interleave(lengths)
         looks = images.flatten(1) if self.picture.values is not None else distinct(bits(images))[1].unsqueeze(1)
         shown, position = distinct(th.cat([looks, mission_of_image.unsqueeze(1)], dim=1))
         seen = images[shown].movedim(1, -1) if self.picture.channels_first else images[shown]
         if self.picture.values is not None:
-            check_values("cells of images", *seen.aminmax(), max(self.picture.values))
+            check_values("cells of images", seen, max(self.picture.values))
         return self.vision(seen, instructions, mission_of_image[shown]), position
 
 

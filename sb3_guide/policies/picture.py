@@ -104,17 +104,16 @@ def check_spaces(observation_space: spaces.Space, action_space: spaces.Space) ->
         raise ValueError(f"the actions are {action_space}: expected a Discrete space of at most {ACTIONS} that starts at 0")
 
 
-def check_values(what: str, lowest: th.Tensor, highest: th.Tensor, count: int) -> None:
+def check_values(what: str, values: th.Tensor, count: int) -> None:
     """
     :param what: is observed, in the plural
-    :param lowest: value of it
-    :param highest: value of it
-    :param count: of values that there may be, from 0 on
+    :param values: of it
+    :param count: how many there may be: the whole numbers from 0 on
     :raises ValueError: if there are others
     """
-    low, high = lowest.item(), highest.item()  # as numbers: 256 is 0 to a tensor of bytes
-    if low < 0 or high >= count:
+    low, high = (bound.item() for bound in values.aminmax())  # as numbers: 256 is 0 to a tensor of bytes
+    if low < 0 or high >= count or (values.is_floating_point() and values.frac().any()):
         raise ValueError(
-            f"{what} have values from {low:.3g} to {high:.3g}: expected 0 to {count - 1}, as the observation space says; "
-            "VecNormalize needs norm_obs=False before an agent"
+            f"{what} have values from {low:.3g} to {high:.3g}: expected whole numbers from 0 to {count - 1}, as the observation "
+            "space says; VecNormalize needs norm_obs=False before an agent"
         )
