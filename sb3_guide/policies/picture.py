@@ -114,6 +114,6 @@ def check_values(what: str, values: th.Tensor, count: int) -> None:
     low, high = (bound.item() for bound in values.aminmax())  # as numbers: 256 is 0 to a tensor of bytes
     if low < 0 or high >= count or (values.is_floating_point() and values.frac().any()):
         raise ValueError(
-            f"{what} have values from {low:.3g} to {high:.3g}: expected whole numbers from 0 to {count - 1}, as the observation "
-            "space says; VecNormalize needs norm_obs=False before an agent"
+            f"{what} have values from {low:.3g} to {high:.3g}: expected whole numbers from 0 to {count - 1}, as the "
+            "observation space says; VecNormalize needs norm_obs=False before an agent"
         )
