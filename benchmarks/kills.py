@@ -64,7 +64,9 @@ def stages(inputs: Path) -> dict[str, Callable[[Path], None]]:
     speaker = speaker_folder("GoToObj", "guided")
     return {
         "expert": lambda out: train_expert("GoToObj", out, 0, 1, resume=True, config_file=inputs / "ppo.yml"),
-        "record": lambda out: record_demonstrations("GoToObj", expert_folder("GoToObj"), "train", 400, out / "train", 1),
+        "record": lambda out: record_demonstrations(
+            "GoToObj", expert_folder("GoToObj"), "train", 400, out / "train.safetensors", 1
+        ),
         "clone": lambda out: clone("guide", "GoToObj", [inputs], out, 0, 1, resume=True, config_file=inputs / "bc.yml"),
         "evaluate": lambda out: evaluate(speaker, "GoToObj", 300, out / "evaluation.json", 1),
         "analyze": lambda out: analyze(speaker, "GoToObj", None, None, out, 1, n_episodes=40),

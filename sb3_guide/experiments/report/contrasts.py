@@ -102,7 +102,7 @@ def paired(level: str, a: str, b: str, horizon: int | None, values_a: np.ndarray
         return Contrast(level, a, b, horizon, seeds, *means, bound, bound, bound, bound, np.nan, np.nan)
     test = ttest_rel(values_a, values_b)
     wide, narrow = test.confidence_interval(0.95), test.confidence_interval(0.9)
-    exact = permutation_test((values_a, values_b), lambda x, y: np.mean(x - y), permutation_type="samples")
+    exact = permutation_test((values_a, values_b), lambda x, y: np.mean(x - y), permutation_type="samples", random_state=0)
     numbers = (wide.low, wide.high, narrow.low, narrow.high, test.pvalue, exact.pvalue)
     return Contrast(level, a, b, horizon, seeds, *means, *map(float, numbers))
 

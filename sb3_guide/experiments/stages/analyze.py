@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sb3_guide.cloning import Demonstrations, load_demonstrations, mission_seeds
-from sb3_guide.envs import is_level
+from sb3_guide.envs import is_level, level_of
 from sb3_guide.experiments.stages.levels import level_of_agent
 from sb3_guide.experiments.stages.runs import record, use_threads
 from sb3_guide.files import write_json
@@ -46,7 +46,7 @@ def analyze(
         "episodes": len(reading.episodes),
         "frames": len(reading.messages),
         **tables(reading),
-        **({**in_situations(reading), **structure(reading)} if is_level(level) else {}),
+        **({**in_situations(reading), **structure(reading)} if is_level(level) and level_of(level).sentences == 1 else {}),
         "in_play": communication(reading),
         "episode": step_by_step(reading, worth_watching(reading)),
     }

@@ -91,15 +91,15 @@ def clone(
         "config": config,
         "made_from": made_from([folder / "train.safetensors" for folder in demos], guide, init),
     }
+    train, validation = (demonstrations_of(names, demos, split) for split in ("train", "validation"))
+    train = [part.first(config["train_episodes"]) for part in train]  # complains before an earlier run is deleted
     with stage("clone", settings, out, resume, renew) as run:
         if run.finished:
             return
         use_threads(threads)
         set_random_seed(seed)
-        train, validation = (demonstrations_of(names, demos, split) for split in ("train", "validation"))
         with in_use(config):
             policy = build(agent, names[0], config, policy_kwargs, init)
-        train = [part.first(config["train_episodes"]) for part in train]
         cloning = Cloning(policy, train, validation, out, seed, config, run)
         if tensorboard:
             cloning.show()

@@ -32,6 +32,8 @@ def record_demonstrations(level: str, expert: Path, split: str, n_episodes: int,
     :raises RuntimeError: if another call writes that file
     :raises ValueError: if the expert fails most missions, or an argument is out of range
     """
+    if out.suffix != ".safetensors":
+        raise ValueError(f"{out} is to hold demonstrations: expected a name that ends in .safetensors")
     level = environment(level)
     mission_seeds(split, n_episodes)  # complains before anything is loaded
     use_threads(threads)

@@ -20,7 +20,7 @@ from filelock import FileLock, Timeout
 from stable_baselines3.common.logger import KVWriter
 
 from sb3_guide.files import read_json, write_json, write_text
-from sb3_guide.policies.folder import package_versions
+from sb3_guide.policies.folder import AGENT, package_versions
 
 PATIENCE = 5  # seconds, in which one that was killed has ended
 
@@ -77,13 +77,14 @@ def stage(name: str, settings: dict[str, Any], folder: Path, resume: bool, renew
     :param resume: go on where an earlier run of the same settings stopped, or return at once where it finished
     :param renew: the same; and where an earlier run had other settings, delete it, say so, and begin anew
     :raises RuntimeError: if another call works in the folder
-    :raises ValueError: if the folder holds a run of other settings, or one that was not to be resumed
+    :raises ValueError: if the folder holds a run of other settings, one that was not to be resumed, or what no run has made
     """
     folder.mkdir(parents=True, exist_ok=True)
     with alone(folder, folder / "lock"):
-        for left in folder.rglob("*.partial"):  # by one that was killed
-            left.unlink()
         begun = folder / "settings.json"
+        check_ours(folder, begun)
+        for left in folder.rglob("*.[0-9]*.partial"):  # by one that was killed
+            left.unlink()
         if begun.exists() and renew and (changed := changes(read_json(begun), settings)):
             print(
                 f"{folder} holds a run of other settings ({', '.join(changed)}), which is deleted: it runs anew",
@@ -100,6 +101,18 @@ def stage(name: str, settings: dict[str, Any], folder: Path, resume: bool, renew
         yield run
         if not run.finished:
             write_json(folder / "run.json", {**record(name, settings, run.seconds), **run.found})
+
+
+def check_ours(folder: Path, begun: Path) -> None:
+    """
+    :param folder: in which a run is to begin or to go on
+    :param begun: its settings
+    :raises ValueError: if it holds an agent or settings that no run has made, and that would get lost
+    """
+    if begun.exists() and not {"level", "seed"} <= read_json(begun).keys():
+        raise ValueError(f"{begun} is of no run of sb3-guide: choose another --out")
+    if not begun.exists() and (folder / AGENT).exists():
+        raise ValueError(f"{folder} holds an agent that no run has made: choose another --out or delete it")
 
 
 def changes(before: dict[str, Any], after: dict[str, Any]) -> list[str]:

@@ -171,7 +171,7 @@ def danceable(level: str, actions: np.ndarray, seed: int) -> int:
     :param seed: from which mission of the analysis split on to look
     :return: seed of the first mission in which no step forward of theirs is into something; the first one if there is none
     """
-    missions = mission_seeds("analysis", seed + TRIED)[seed:]
+    missions = mission_seeds("analysis", TRIED, skip=seed)
     env = GuideGridEnv(level)
     for mission in missions:
         env.reset(seed=int(mission))

@@ -301,6 +301,38 @@ def test_a_run_whose_settings_have_changed_runs_anew_and_says_so(demos, tmp_path
     assert equal(tmp_path / "out", tmp_path / "other")
 
 
+def test_a_run_is_not_deleted_for_one_that_can_not_begin(demos, tmp_path):
+    config = write_config(tmp_path / "bc.yml", BC | {"n_epochs": 1})
+    shared = {"level": "GoToObj", "threads": 1, "seed": 0, "resume": False, "renew": True, "config_file": config}
+    clone("learner", demos=[demos], out=tmp_path / "out", **shared)
+    with pytest.raises(FileNotFoundError):
+        clone("learner", demos=[tmp_path / "none"], out=tmp_path / "out", **shared)
+    with pytest.raises(ValueError, match="train_episodes=1000"):
+        clone("learner", demos=[demos], out=tmp_path / "out", params=["train_episodes:1000"], **shared)
+    load_agent(tmp_path / "out")
+
+
+@pytest.mark.parametrize("renew", [False, True])
+def test_what_no_run_has_made_is_left_alone(demos, tmp_path, renew):
+    config = write_config(tmp_path / "bc.yml", BC)
+    project, agent = tmp_path / "project", tmp_path / "agent"
+    project.mkdir()
+    for name, content in (("settings.json", "{}"), ("thesis.txt", "mine"), ("film.partial", "mine")):
+        (project / name).write_text(content)
+    save_agent(load_agent(demos / "expert"), agent)
+    before = (agent / "network.safetensors").read_bytes()
+    for out, message in ((project, "is of no run of sb3-guide"), (agent, "holds an agent that no run has made")):
+        with pytest.raises(ValueError, match=message):
+            clone("learner", "GoToObj", [demos], out, seed=0, threads=1, resume=False, renew=renew, config_file=config)
+    assert (project / "thesis.txt").read_text() == (project / "film.partial").read_text() == "mine"
+    assert (agent / "network.safetensors").read_bytes() == before
+
+
+def test_demonstrations_have_a_name_of_their_own(demos, tmp_path):
+    with pytest.raises(ValueError, match=r"expected a name that ends in \.safetensors"):
+        record_demonstrations("GoToObj", demos / "expert", "train", 10, tmp_path / "train.json", threads=1)
+
+
 def test_a_full_disk_ends_a_stage_which_goes_on_when_there_is_room(tmp_path):
     config = write_config(tmp_path / "ppo.yml", PPO)
     train_expert(KEY, tmp_path / "whole", seed=1, threads=1, resume=True, config_file=config)
@@ -336,8 +368,8 @@ def test_two_runs_in_one_folder(demos, tmp_path, monkeypatch):
     busy = pytest.raises(RuntimeError, match="is in use by another call: wait for it, or choose another --out")
     with FileLock(tmp_path / "lock"), busy:
         train_expert(KEY, tmp_path, seed=1, threads=1, resume=True, config_file=config)
-    with FileLock(tmp_path / "demos.lock"), busy:
-        record_demonstrations("GoToObj", demos / "expert", "train", 10, tmp_path / "demos", threads=1)
+    with FileLock(tmp_path / "demos.safetensors.lock"), busy:
+        record_demonstrations("GoToObj", demos / "expert", "train", 10, tmp_path / "demos.safetensors", threads=1)
 
 
 def test_a_run_knows_when_its_guide_has_changed(demos, tmp_path, capsys):
