@@ -14,8 +14,7 @@ import torch as th
 from sb3_contrib.common.recurrent.type_aliases import RNNStates
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
-from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecTransposeImage
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvWrapper
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecMonitor, VecTransposeImage
 
 from sb3_guide.callbacks.success import EpisodeSuccesses
 from sb3_guide.files import atomically
@@ -157,8 +156,9 @@ def restore_training(model: OnPolicyAlgorithm, state: dict[str, Any], watchers: 
         watcher.set_state(watched)
     model.env.set_state(arrays(state["worlds"]))  # type: ignore[attr-defined]
     if state["monitor"] is not None:
+        monitor = monitor_of(model.env)
         for name, value in arrays(state["monitor"]).items():
-            setattr(monitor_of(model.env), name, value)
+            setattr(monitor, name, value)
     episodes = ({name: value[()] for name, value in arrays(info).items()} for info in state["episodes"])
     model.ep_info_buffer = deque(episodes, maxlen=model._stats_window_size)
     model.ep_success_buffer = deque(state["successes"], maxlen=model._stats_window_size)

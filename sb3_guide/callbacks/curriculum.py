@@ -132,12 +132,15 @@ class Curriculum(EpisodeSuccesses):
 
     def _init_callback(self) -> None:
         if self.model is not self.owner:
-            self.position, self.usual = -1, {name: getattr(self.model, name) for name in SETTINGS}
+            self.usual = {name: getattr(self.model, name) for name in SETTINGS}
         super()._init_callback()
 
+    def _forget(self) -> None:
+        super()._forget()
+        self.position = -1
+
     def _on_training_start(self) -> None:
-        if self.model.num_timesteps == 0:
-            self.position = -1
+        super()._on_training_start()
         if self.position < 0:
             self._begin_next()
 

@@ -28,11 +28,16 @@ class EpisodeSuccesses(BaseCallback):
 
     def _init_callback(self) -> None:
         if self.model is not self.owner:
-            self.owner, self.successes = self.model, deque(maxlen=self.n_episodes)
+            self.owner = self.model
+            self._forget()
 
     def _on_training_start(self) -> None:
         if self.model.num_timesteps == 0:
-            self.successes.clear()
+            self._forget()
+
+    def _forget(self) -> None:
+        """Be as if no training had been."""
+        self.successes = deque(maxlen=self.n_episodes)
 
     def _on_step(self) -> bool:
         for world in np.flatnonzero(self.locals["dones"]):

@@ -17,7 +17,7 @@ from sb3_guide.cloning.episodes import Episodes
 from sb3_guide.policies import AgentPolicy
 from sb3_guide.policies.memory import scene_of
 from sb3_guide.policies.products import rounded_products
-from sb3_guide.policies.sequences import Sequences
+from sb3_guide.policies.sequences import Sequences, padded
 
 
 class EpisodeLoader:
@@ -117,9 +117,7 @@ def distribution_along(
     known = policy.observation_space.spaces  # type: ignore[attr-defined]
     features = policy.extract_features({name: seen[name] for name in known})  # type: ignore[arg-type]
     of_actor = features if policy.share_features_extractor else features[0]  # (K, features_dim)
-    padded = of_actor.new_zeros(*valid.shape, of_actor.shape[1])
-    padded[valid] = of_actor
-    output, _ = policy.lstm_actor(padded.transpose(0, 1))  # from nothing: (T, B, hidden)
+    output, _ = policy.lstm_actor(padded(of_actor, valid).transpose(0, 1))  # from nothing: (T, B, hidden)
     return policy._get_action_dist_from_latent(policy.mlp_extractor.forward_actor(output.transpose(0, 1)[valid]))
 
 

@@ -41,7 +41,8 @@ class Memory(nn.Module):
         h, c = (none, none) if state is None else (state[0].squeeze(0), state[1].squeeze(0))
         input_weight, weight, input_bias, bias = self.lstm.parameters()
         inputs = transform(features, input_weight, input_bias + bias)
-        return ThroughTime.apply(inputs, position, lengths, h, c, weight)  # type: ignore[no-any-return]
+        output: th.Tensor = ThroughTime.apply(inputs, position, lengths, h, c, weight)
+        return output
 
     def step(self, features: th.Tensor, state: State) -> tuple[th.Tensor, State]:
         """
@@ -68,7 +69,8 @@ class Memory(nn.Module):
         """:return: the output at each step of each sequence, with padding up to the longest (B, T, hidden)"""
         valid = is_frame(lengths)
         padded = position.new_zeros(valid.shape).masked_scatter(valid, position)
-        return self.lstm(embedding(padded, features), state)[0]  # type: ignore[no-any-return]
+        output: th.Tensor = self.lstm(embedding(padded, features), state)[0]
+        return output
 
 
 def is_frame(lengths: th.Tensor) -> th.Tensor:

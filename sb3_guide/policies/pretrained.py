@@ -16,8 +16,8 @@ GUIDES = ("GuidePolicy", "RecurrentGuidePolicy")
 @dataclass
 class PretrainedGuide:
     """
-    What a ``GuidedLearnerPolicy`` takes as ``guide``. SB3 keeps it, weights included, in a model's zip, so that a Guide that
-    was trained along can be told from the one that it was.
+    What a ``GuidedLearnerPolicy`` takes as ``guide``. Copies hold the weights too, the one in SB3's zip of a model
+    among them: else an agent that is built of them would hear an untrained Guide.
 
     :param description: class and sizes of the Guide
     :param weights: of the Guide's speaker, by name; None where another source brings them

@@ -15,7 +15,7 @@ from sb3_guide.policies.base import AgentPolicy, check_left_out
 from sb3_guide.policies.interventions import Scene
 from sb3_guide.policies.memory import State, scene_of
 from sb3_guide.policies.networks import Latent
-from sb3_guide.policies.sequences import Observations, frames, unpadded
+from sb3_guide.policies.sequences import Observations, frames, padded, unpadded
 
 LSTM = {"lstm_hidden_size", "n_lstm_layers", "shared_lstm", "enable_critic_lstm", "lstm_kwargs"}
 
@@ -108,17 +108,6 @@ class CarriedMemory(AgentPolicy, RecurrentActorCriticPolicy):
         entropy = distribution.entropy()
         assert entropy is not None
         return padded(values, valid), padded(distribution.log_prob(actions[valid]), valid), padded(entropy, valid)
-
-
-def padded(of_frames: th.Tensor, valid: th.Tensor) -> th.Tensor:
-    """
-    :param of_frames: (K, ...)
-    :param valid: (N,) bool, which steps the K frames are
-    :return: (N, ...) zeros at the steps of padding, which RecurrentPPO ignores
-    """
-    found = of_frames.new_zeros(len(valid), *of_frames.shape[1:])
-    found[valid] = of_frames
-    return found
 
 
 def started_anew(state: State, episode_starts: th.Tensor) -> State:

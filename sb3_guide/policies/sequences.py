@@ -80,6 +80,17 @@ def unpadded(observations: Observations, n_seq: int) -> tuple[Sequences, th.Tens
     return Sequences(images[valid], missions[:, 0], valid.sum(dim=1)), valid
 
 
+def padded(of_frames: th.Tensor, valid: th.Tensor) -> th.Tensor:
+    """
+    :param of_frames: (K, ...)
+    :param valid: bool, which steps the K frames are
+    :return: of the shape of valid and of what a frame has, zeros at all other steps
+    """
+    found = of_frames.new_zeros(*valid.shape, *of_frames.shape[1:])
+    found[valid] = of_frames
+    return found
+
+
 def missions_of(observations: Observations) -> th.Tensor:
     """:return: (B, words), a single word of padding where there are no missions"""
     images = observations["image"]
