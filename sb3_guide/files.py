@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import re
 import reprlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -17,6 +18,13 @@ from safetensors.numpy import save_file
 
 MOST_JSON, MOST_YAML = 2**24, 2**18  # bytes; PyYAML takes seconds for the latter
 MOST_VALUES = 100_000  # of a YAML file with its aliases written out
+
+
+class Loader(yaml.SafeLoader):
+    """PyYAML's, which also takes 1e-3 and 1e6 for numbers, as JSON and YAML 1.2 do."""
+
+
+Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), [*"-+.0123456789"])
 
 
 @contextmanager
@@ -113,7 +121,7 @@ def parse_yaml(text: str) -> Any:
     :raises ValueError: see :func:`read_yaml`
     """
     try:
-        loader = yaml.SafeLoader(text)
+        loader = Loader(text)
         root = loader.get_single_node()
         if root is None:
             return None

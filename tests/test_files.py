@@ -79,6 +79,14 @@ def test_yaml_as_it_is_meant(tmp_path: Path) -> None:
     assert read_yaml(tmp_path / "file.yml") is None
 
 
+def test_numbers_of_yaml_are_numbers(tmp_path: Path) -> None:
+    texts = {"1e-3": 0.001, "1e4": 1e4, "-2.5E+1": -25.0, ".5e1": 5.0, "!!float 1e6": 1e6, "7": 7, "1e": "1e", "e1": "e1"}
+    (tmp_path / "file.yml").write_text("\n".join(f"- {text}" for text in texts))
+    found = read_yaml(tmp_path / "file.yml")
+    assert found == list(texts.values())
+    assert [type(value) for value in found] == [type(value) for value in texts.values()]
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [(b"{", "is no JSON"), (b"\xff", "is no JSON"), (b"1" * 10_000, "is no JSON"), (b"[]", "holds a list: expected a dict")],

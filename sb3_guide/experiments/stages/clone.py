@@ -16,10 +16,10 @@ from sb3_guide.cloning import Demonstrations, Validation, load_demonstrations, m
 from sb3_guide.cloning.bc import EpisodeLoss, episode_bc
 from sb3_guide.cloning.demonstrations import pool
 from sb3_guide.envs import spaces_of
-from sb3_guide.experiments.stages.configs import algorithm_arguments, check_numbers, in_use, load_config
+from sb3_guide.experiments.stages.configs import algorithm_arguments, checked, in_use, load_config
 from sb3_guide.experiments.stages.evaluate import evaluate
 from sb3_guide.experiments.stages.levels import join_levels, split_levels
-from sb3_guide.experiments.stages.runs import Run, digest, stage, use_threads, write_table
+from sb3_guide.experiments.stages.runs import Run, stage, use_threads, write_table
 from sb3_guide.files import parse_yaml
 from sb3_guide.policies import AgentPolicy, PretrainedGuide, save_agent
 from sb3_guide.policies.folder import NETWORK
@@ -89,18 +89,20 @@ def clone(
         "hears": hears,
         "init": None if init is None else str(init),
         "config": config,
-        "made_from": made_from([folder / "train.safetensors" for folder in demos], guide, init),
     }
-    train, validation = (demonstrations_of(names, demos, split) for split in ("train", "validation"))
-    train = [part.first(config["train_episodes"]) for part in train]  # complains before an earlier run is deleted
-    with stage("clone", settings, out, resume, renew) as run:
+    files = [folder / f"{split}.safetensors" for folder in demos for split in ("train", "validation")]
+    agents = [Path(folder) / NETWORK for folder in (guide, init) if folder not in (None, UNTRAINED)]
+    with stage("clone", settings, [*files, *agents], out, resume, renew) as run:
         if run.finished:
             return
+        train, validation = (demonstrations_of(names, demos, split) for split in ("train", "validation"))
+        train = [part.first(config["train_episodes"]) for part in train]
         use_threads(threads)
         set_random_seed(seed)
         with in_use(config):
             policy = build(agent, names[0], config, policy_kwargs, init)
         cloning = Cloning(policy, train, validation, out, seed, config, run)
+        run.begin()
         if tensorboard:
             cloning.show()
         cloning.train()
@@ -151,17 +153,6 @@ def guide_kwargs(agent: str, guide: str | None, freeze_guide: bool, hears: str) 
     return {"guide": pretrained, "freeze_guide": freeze_guide} | ({"hears": hears} if agent == "guided" else {})
 
 
-def made_from(files: Sequence[Path], guide: str | None, init: Path | None) -> dict[str, str]:
-    """
-    :param files: demonstrations
-    :param guide: folder of the Guide that is heard, or "untrained"
-    :param init: folder of the agent to start from
-    :return: digest of each file that the result depends on; of those that are missing the stage complains itself
-    """
-    agents = [Path(folder) / NETWORK for folder in (guide, init) if folder not in (None, UNTRAINED)]
-    return {str(path): digest(path) for path in (*files, *agents) if path.is_file()}
-
-
 def shared_config(levels: Sequence[str], file: Path | None) -> dict[str, Any]:
     """
     :param levels: names
@@ -193,9 +184,7 @@ def override(config: dict[str, Any], params: Sequence[str]) -> dict[str, Any]:
         raise ValueError(f"--params {', '.join(params)}: expected values in YAML ({error})") from error
     for name, value in values.items():
         values[name] = {**config[name], **value} if isinstance(config[name], dict) and isinstance(value, dict) else value
-    overridden = {**config, **values}
-    check_numbers(overridden)
-    return overridden
+    return checked({**config, **values})
 
 
 def demonstrations_of(levels: Sequence[str], folders: Sequence[Path], split: str) -> list[Demonstrations]:

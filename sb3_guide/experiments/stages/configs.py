@@ -29,6 +29,11 @@ MOST = {
     **{"n_epochs": 10**6, "validate_every": 10**6, "validation_episodes": 10**6, "analysis_episodes": 10**6},
     **{"recorded_episodes": 10**7, "train_episodes": 10**7},
 }
+NUMBERS = {
+    **dict.fromkeys(("gamma", "gae_lambda", "ent_coef", "vf_coef", "max_grad_norm", "ent_weight"), int | float),
+    **dict.fromkeys(("target_kl", "clip_range_vf"), int | float | None),
+    **dict.fromkeys(("learning_rate", "clip_range"), int | float | str),  # text being a schedule
+}
 MOST_VALUES = 2**27  # in the observations of a rollout: half a gigabyte as SB3 keeps them
 
 OF_THE_ZOO = ("policy", "n_envs", "n_timesteps", "env_kwargs", "callback")  # keys that rl-zoo itself reads
@@ -91,18 +96,24 @@ def load_config(name: str, level: str, file: Path | None = None) -> dict[str, An
     config = entries[key]
     if missing := [entry for entry in (OF_CLONING if name == "bc" else OF_TRAINING) if entry not in config]:
         raise ValueError(f"{key} in {path} lacks {', '.join(missing)}")
-    check_numbers(config)
-    return config
+    return checked(config)
 
 
-def check_numbers(config: dict[str, Any]) -> None:
+def checked(config: dict[str, Any]) -> dict[str, Any]:
     """
     :param config: a level's entry in rl-zoo's format
-    :raises ValueError: if a number is out of range
+    :return: the same, with whole numbers that were written as others, such as 1e6, as such
+    :raises ValueError: if something that is to be a number is none, or is out of range
     """
+    whole = {name: int(value) for name, value in config.items() if isinstance(value, float) and value.is_integer()}
+    config = {**config, **{name: value for name, value in whole.items() if name in MOST}}
     for name, most in MOST.items():
         if name in config and not (isinstance(config[name], int) and 1 <= config[name] <= most):
             raise ValueError(f"{name}={reprlib.repr(config[name])}: expected a whole number from 1 to {most}")
+    for name, kind in NUMBERS.items():
+        if name in config and not fits(config[name], kind):
+            raise ValueError(f"{name}={reprlib.repr(config[name])}: expected a number")
     points = config.get("validate_at", [])
     if not fits(points, list[int | float]) or not all(0 <= point <= MOST["n_epochs"] for point in points):
         raise ValueError(f"validate_at={reprlib.repr(points)}: expected a list of epochs")
+    return config

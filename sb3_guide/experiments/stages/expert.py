@@ -30,6 +30,7 @@ from sb3_guide.experiments.stages.levels import environment
 from sb3_guide.experiments.stages.runs import TableWriter, plain_values, stage, use_threads
 from sb3_guide.policies import AgentPolicy, load_agent, save_agent
 from sb3_guide.policies.agents import GuideAgent, GuidedLearnerAgent, LearnerAgent
+from sb3_guide.policies.folder import NETWORK
 from sb3_guide.policies.saving import load_weights, weights_of
 
 ALGORITHMS: dict[str, type[OnPolicyAlgorithm]] = {"ppo": PPO, "ppo_lstm": RecurrentPPO, "a2c": A2C}  # as rl-zoo names them
@@ -66,9 +67,9 @@ def train_expert(
     if algo not in ALGORITHMS:
         raise ValueError(f"algo={algo!r} is unknown: expected one of {', '.join(ALGORITHMS)}")
     config = load_config(algo, level, config_file)
-    origin = None if init is None else str(init)
+    origin, weights = (None, []) if init is None else (str(init), [init / NETWORK])
     settings = {"level": level, "algo": algo, "seed": seed, "threads": threads, "config": config, "init": origin}
-    with stage("expert", settings, out, resume, renew) as run:
+    with stage("expert", settings, weights, out, resume, renew) as run:
         if run.finished:
             return
         use_threads(threads)
@@ -76,10 +77,12 @@ def train_expert(
         with in_use(config):
             model, callbacks = build(ALGORITHMS[algo], level, seed, config), [SuccessRateCallback(), *build_callbacks(config)]
         watchers = [callback for callback in callbacks if isinstance(callback, EpisodeSuccesses)]
-        assert isinstance(model.policy, AgentPolicy)
+        if not isinstance(model.policy, AgentPolicy):
+            raise ValueError(f"policy={config['policy']!r}: expected LearnerPolicy, GuidePolicy or GuidedLearnerPolicy")
         if init is not None:
             kind = next(kind for kind in (LearnerAgent, GuideAgent, GuidedLearnerAgent) if isinstance(model.policy, kind))
             load_weights(model.policy, weights_of(load_agent(init, kind)))
+        run.begin()
         if checkpoint.exists():
             state = load_state(checkpoint)
             restore_training(model, state, watchers)

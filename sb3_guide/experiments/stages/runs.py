@@ -1,7 +1,6 @@
 """What every stage of an experiment has in common: a folder, a lock, a record of what was done."""
 
 import csv
-import hashlib
 import io
 import shlex
 import shutil
@@ -19,9 +18,10 @@ import torch as th
 from filelock import FileLock, Timeout
 from stable_baselines3.common.logger import KVWriter
 
-from sb3_guide.files import read_json, write_json, write_text
+from sb3_guide.files import checksum, read_arrays, read_json, write_json, write_text
 from sb3_guide.policies.folder import AGENT, package_versions
 
+SETTINGS = "settings.json"  # of the run that a folder holds
 PATIENCE = 5  # seconds, in which one that was killed has ended
 
 
@@ -50,12 +50,16 @@ class Run:
     """
     A stage at work.
 
+    :param folder: of its results
+    :param settings: everything that these depend on, as JSON
     :param finished: an earlier run has done all of it already
     :param seconds_before: that earlier, killed parts of it took
     :param found: what is to be told of it in run.json, as JSON
     """
 
-    finished: bool = False
+    folder: Path
+    settings: dict[str, Any]
+    finished: bool
     seconds_before: float = 0.0
     found: dict[str, Any] = field(default_factory=dict)
     started: float = field(default_factory=time.monotonic)
@@ -65,39 +69,53 @@ class Run:
         """That the stage took up to now, earlier parts included."""
         return self.seconds_before + time.monotonic() - self.started
 
+    def begin(self) -> None:
+        """
+        Take the folder: a run of other settings is deleted. To be called when all that can be wrong with the settings has been
+        found, and before anything is written, so that a run that can't begin costs no other.
+        """
+        begun = self.folder / SETTINGS
+        for left in self.folder.rglob("*.[0-9]*.partial"):  # by one that was killed
+            left.unlink()
+        if begun.exists() and (changed := changes(read_json(begun), self.settings)):
+            print(f"{self.folder} holds a run of other settings ({changed}), which is deleted: it runs anew", file=sys.stderr)
+            empty(self.folder)
+        write_json(begun, self.settings)
+
 
 @contextmanager
-def stage(name: str, settings: dict[str, Any], folder: Path, resume: bool, renew: bool = False) -> Iterator[Run]:
+def stage(
+    name: str, settings: dict[str, Any], made_from: Sequence[Path], folder: Path, resume: bool, renew: bool = False
+) -> Iterator[Run]:
     """
     Work in a folder: alone, and such that a killed run can be continued. At the end, run.json says what was done.
 
     :param name: of the stage
     :param settings: everything that the result depends on, as JSON; "config", "level" and "seed" among it where they exist
+    :param made_from: files in safetensors' format that it depends on too; of those that are missing the block complains
     :param folder: made if need be
     :param resume: go on where an earlier run of the same settings stopped, or return at once where it finished
     :param renew: the same; and where an earlier run had other settings, delete it, say so, and begin anew
+    :return: the run, whose block calls :meth:`Run.begin` unless it has finished already
     :raises RuntimeError: if another call works in the folder
-    :raises ValueError: if the folder holds a run of other settings, one that was not to be resumed, or what no run has made
+    :raises ValueError: if the folder holds a run of other settings, one that was not to be resumed, what no run has made, or
+        what this one is to be made from
     """
+    if lost := [str(file) for file in made_from if file.resolve().is_relative_to(folder.resolve())]:
+        raise ValueError(f"{folder} holds what the run is to be made from ({', '.join(lost)}): choose another --out")
+    settings = {**settings, "made_from": {str(file): digest(file) for file in made_from if file.is_file()}}
     folder.mkdir(parents=True, exist_ok=True)
     with alone(folder, folder / "lock"):
-        begun = folder / "settings.json"
+        begun = folder / SETTINGS
         check_ours(folder, begun)
-        for left in folder.rglob("*.[0-9]*.partial"):  # by one that was killed
-            left.unlink()
-        if begun.exists() and renew and (changed := changes(read_json(begun), settings)):
-            print(
-                f"{folder} holds a run of other settings ({', '.join(changed)}), which is deleted: it runs anew",
-                file=sys.stderr,
+        changed = changes(read_json(begun), settings) if begun.exists() else ""
+        if changed and not renew:
+            raise ValueError(
+                f"{folder} holds a run of other settings ({changed}): choose another --out, or pass --renew to delete it"
             )
-            empty(folder)
-        if begun.exists():
-            if read_json(begun) != settings:
-                raise ValueError(f"{folder} holds a run of other settings ({begun}): choose another --out or delete it")
-            if not (resume or renew):
-                raise ValueError(f"{folder} holds a run already: pass --resume to continue it, or choose another --out")
-        write_json(begun, settings)
-        run = Run(finished=(folder / "run.json").exists())
+        if begun.exists() and not (resume or renew):
+            raise ValueError(f"{folder} holds a run already: pass --resume to continue it, or choose another --out")
+        run = Run(folder, settings, finished=not changed and (folder / "run.json").exists())
         yield run
         if not run.finished:
             write_json(folder / "run.json", {**record(name, settings, run.seconds), **run.found})
@@ -115,9 +133,9 @@ def check_ours(folder: Path, begun: Path) -> None:
         raise ValueError(f"{folder} holds an agent that no run has made: choose another --out or delete it")
 
 
-def changes(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
+def changes(before: dict[str, Any], after: dict[str, Any]) -> str:
     """:return: names of the settings that differ"""
-    return sorted(name for name in before | after if before.get(name) != after.get(name))
+    return ", ".join(sorted(name for name in before | after if before.get(name) != after.get(name)))
 
 
 def empty(folder: Path) -> None:
@@ -126,7 +144,7 @@ def empty(folder: Path) -> None:
 
     :param folder: of the run, whose lock stays
     """
-    for path in sorted(folder.iterdir(), key=lambda path: path.name == "settings.json"):
+    for path in sorted(folder.iterdir(), key=lambda path: path.name == SETTINGS):
         if path.is_dir():
             shutil.rmtree(path)
         elif path.name != "lock":
@@ -134,8 +152,13 @@ def empty(folder: Path) -> None:
 
 
 def digest(path: Path) -> str:
-    """:return: SHA-256 of a file, by which a run knows whether what it was made from is still the same"""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    """
+    :param path: of a file in safetensors' format
+    :return: SHA-256 of what it holds, by which a run knows whether what it was made from is still the same: the bytes of two
+        files with the same content differ
+    :raises ValueError: if it is damaged
+    """
+    return checksum(*read_arrays(path))
 
 
 def record(name: str, settings: dict[str, Any], seconds: float) -> dict[str, Any]:

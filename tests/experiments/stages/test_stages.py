@@ -116,6 +116,11 @@ def test_an_expert_is_written_with_all_that_it_depends_on(tmp_path):
         ({"env_kwargs": {"history": 10**6}}, "history=1000000 in 4 worlds: expected 0 to"),
         ({"policy_kwargs": {"hat": 1}}, "can't be used .TypeError: .*'hat'"),
         ({"callback": 3}, "can't be used .TypeError"),
+        ({"gamma": "abc"}, "gamma='abc': expected a number"),
+        ({"vf_coef": None}, "vf_coef=None: expected a number"),
+        ({"target_kl": "x"}, "target_kl='x': expected a number"),
+        ({"n_envs": 1.5}, "n_envs=1.5: expected a whole number from 1 to"),
+        ({"policy": "MlpLstmPolicy"}, "policy='MlpLstmPolicy': expected LearnerPolicy, GuidePolicy or GuidedLearnerPolicy"),
         ({"callback": [{}]}, "callback None is unknown"),
     ],
 )
@@ -301,15 +306,67 @@ def test_a_run_whose_settings_have_changed_runs_anew_and_says_so(demos, tmp_path
     assert equal(tmp_path / "out", tmp_path / "other")
 
 
-def test_a_run_is_not_deleted_for_one_that_can_not_begin(demos, tmp_path):
+@pytest.mark.parametrize(
+    "mistake",
+    [
+        {"demos": [Path("none")]},
+        {"params": ["train_episodes:1000"]},
+        {"params": ["learning_rate:fast"]},
+        {"params": ["batch_size:1000"]},
+    ],
+)
+def test_nothing_is_deleted_or_claimed_for_a_clone_that_can_not_begin(mistake, demos, tmp_path):
     config = write_config(tmp_path / "bc.yml", BC | {"n_epochs": 1})
     shared = {"level": "GoToObj", "threads": 1, "seed": 0, "resume": False, "renew": True, "config_file": config}
     clone("learner", demos=[demos], out=tmp_path / "out", **shared)
-    with pytest.raises(FileNotFoundError):
-        clone("learner", demos=[tmp_path / "none"], out=tmp_path / "out", **shared)
-    with pytest.raises(ValueError, match="train_episodes=1000"):
-        clone("learner", demos=[demos], out=tmp_path / "out", params=["train_episodes:1000"], **shared)
-    load_agent(tmp_path / "out")
+    for folder in ("out", "new"):
+        with pytest.raises((OSError, ValueError)):
+            clone("learner", out=tmp_path / folder, **{"demos": [demos], **shared, **mistake})
+    assert (tmp_path / "out" / "run.json").is_file()
+    assert load_agent(tmp_path / "out")
+    clone("learner", demos=[demos], out=tmp_path / "new", **shared | {"renew": False})
+
+
+@pytest.mark.parametrize(
+    "mistake", [{"n_stepss": 3}, {"policy": "MlpLstmPolicy"}, {"gamma": "abc"}, {"init": "guide"}, {"init": "none"}]
+)
+def test_nothing_is_deleted_or_claimed_for_an_expert_that_can_not_begin(mistake, tmp_path):
+    short = PPO | {"n_timesteps": 64}
+    good, bad = (write_config(tmp_path / f"{name}.yml", short | more) for name, more in (("good", {}), ("bad", mistake)))
+    shared = {"level": "GoToObj", "seed": 0, "threads": 1}
+    save_agent(make_policy(GuidePolicy), tmp_path / "guide")
+    train_expert(out=tmp_path / "out", resume=False, config_file=good, **shared)
+    wrong = {"config_file": good, "init": tmp_path / mistake["init"]} if "init" in mistake else {"config_file": bad}
+    for folder in ("out", "new"):
+        with pytest.raises((OSError, ValueError)):
+            train_expert(out=tmp_path / folder, resume=False, renew=True, **shared, **wrong)
+    assert (tmp_path / "out" / "run.json").is_file()
+    assert load_agent(tmp_path / "out")
+    train_expert(out=tmp_path / "new", resume=False, config_file=good, **shared)
+
+
+def test_what_a_run_is_made_from_is_not_where_it_is_written(demos, tmp_path):
+    config = write_config(tmp_path / "bc.yml", BC | {"n_epochs": 1})
+    shared = {"level": "GoToObj", "demos": [demos], "threads": 1, "seed": 0, "resume": False, "config_file": config}
+    clone("guide", out=tmp_path / "guide", **shared)
+    for out in (tmp_path / "guide", tmp_path):
+        with pytest.raises(ValueError, match=r"holds what the run is to be made from .*: choose another --out"):
+            clone("guided", out=out, guide=str(tmp_path / "guide"), renew=True, **shared)
+    load_agent(tmp_path / "guide")
+
+
+def test_the_same_demonstrations_recorded_again_are_the_same(demos, tmp_path, capsys):
+    config = write_config(tmp_path / "bc.yml", BC | {"n_epochs": 1})
+    shared = {"level": "GoToObj", "threads": 1, "seed": 0, "resume": False, "renew": True, "config_file": config}
+    for _ in range(3):  # the bytes differ, for the order of a file's header is not kept
+        for split in ("train", "validation"):
+            save_demonstrations(load_demonstrations(demos / f"{split}.safetensors"), tmp_path / f"{split}.safetensors")
+        clone("learner", demos=[tmp_path], out=tmp_path.with_name(f"{tmp_path.name}-out"), **shared)
+    assert "deleted" not in capsys.readouterr().err
+    validation = load_demonstrations(tmp_path / "validation.safetensors")
+    save_demonstrations(validation.first(9), tmp_path / "validation.safetensors")
+    clone("learner", demos=[tmp_path], out=tmp_path.with_name(f"{tmp_path.name}-out"), **shared)
+    assert "(made_from), which is deleted" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("renew", [False, True])
@@ -478,7 +535,7 @@ def test_a_folder_holds_one_run(demos, tmp_path):
     assert (tmp_path / "out" / "run.json").read_text() == written
     with pytest.raises(ValueError, match="holds a run already: pass --resume"):
         clone("learner", seed=0, resume=False, **shared)
-    with pytest.raises(ValueError, match="holds a run of other settings"):
+    with pytest.raises(ValueError, match=r"holds a run of other settings \(seed\): choose another --out, or pass --renew"):
         clone("learner", seed=1, resume=True, **shared)
 
 
