@@ -57,7 +57,10 @@ def read_text(path: Path, most: int) -> str:
     """
     if (size := path.stat().st_size) > most:
         raise ValueError(f"{path} has {size} bytes: expected at most {most}")
-    return path.read_text(encoding="utf-8")
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is no text in UTF-8 ({error})") from error
 
 
 def write_json(path: Path, content: Any) -> None:

@@ -63,14 +63,29 @@ def pool(parts: Sequence[Demonstrations]) -> Demonstrations:
     return Demonstrations(concatenate([part.episodes for part in parts]), "+".join(provenance), provenance)
 
 
+def check_place(path: Path) -> None:
+    """
+    To be called before demonstrations are made, which takes long.
+
+    :param path: where they are to be saved
+    :raises ValueError: if it is no name for demonstrations, or what they would take the place of are none
+    """
+    if path.suffix != ".safetensors":
+        raise ValueError(f"{path} is to hold demonstrations: expected a name that ends in .safetensors")
+    if path.exists() and read_arrays(path)[1].get("format") not in (FORMAT, ARRAYS_CHECKED):
+        raise ValueError(f"{path} holds something else than demonstrations: choose another name or delete it")
+
+
 def save_demonstrations(demonstrations: Demonstrations, path: str | Path) -> None:
     """
     Write a file atomically, with a checksum over all that is in it.
 
     :param demonstrations: what
     :param path: where; its folder is made if need be
+    :raises ValueError: see :func:`check_place`
     """
     path, arrays = Path(path), demonstrations.episodes.arrays()
+    check_place(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     header = {"format": FORMAT, "level": demonstrations.level, "provenance": json.dumps(demonstrations.provenance)}
     write_arrays(path, arrays, {**header, "sha256": checksum(arrays, header)})

@@ -35,12 +35,10 @@ def save_minari(demonstrations: Demonstrations, dataset_id: str) -> None:
 
     :param demonstrations: of one level
     :param dataset_id: such as "guidegrid/GoToLocal/expert-v0"
-    :raises ValueError: if the id is none or taken, or an episode is another one when it is played again
+    :raises ValueError: see :func:`free_place`, or if an episode is another one when it is played again
     """
+    folder = free_place(demonstrations.level, dataset_id)
     namespace, name = parsed(dataset_id)
-    folder = get_dataset_path(dataset_id)
-    if folder.exists():
-        raise ValueError(f"there is a dataset {dataset_id} already: expected a new name or version, or delete it with Minari")
     if namespace and namespace not in list_local_namespaces():
         create_namespace(namespace)
     partial = folder.with_name(f".{name}.partial")  # Minari lists no hidden folders
@@ -60,6 +58,23 @@ def save_minari(demonstrations: Demonstrations, dataset_id: str) -> None:
     )
     storage.update_episodes(map(_buffer, whole_episodes(demonstrations)))
     partial.rename(folder)
+
+
+def free_place(level: str, dataset_id: str) -> Path:
+    """
+    To be called before demonstrations are made for a dataset, which takes long.
+
+    :param level: of the demonstrations
+    :param dataset_id: of the dataset to make of them
+    :return: its folder
+    :raises ValueError: if the level is none of ours, or the id is none or taken
+    """
+    parsed(dataset_id)
+    level_of(level)
+    folder = get_dataset_path(dataset_id)
+    if folder.exists():
+        raise ValueError(f"there is a dataset {dataset_id} already: expected a new name or version, or delete it with Minari")
+    return folder
 
 
 def _buffer(whole: WholeEpisode) -> EpisodeBuffer:

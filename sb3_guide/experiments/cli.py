@@ -105,6 +105,10 @@ def record(
     from sb3_guide.experiments.stages.record import record_demonstrations
     from sb3_guide.experts import expert_folder
 
+    if minari:
+        from sb3_guide.cloning.minari import free_place
+
+        free_place(level, minari)
     folder = expert_folder(level) if expert == "pretrained" else Path(expert)
     record_demonstrations(level, folder, split.value, episodes, out, threads)
     if minari:
@@ -129,8 +133,12 @@ def import_demonstrations(
     """Make demonstrations of a local dataset of Minari: one of 'export', or of Minigrid's BabyAI levels."""
     from sb3_guide.cloning import save_demonstrations
     from sb3_guide.cloning.minari import load_minari
+    from sb3_guide.experiments.stages.runs import check_result
 
+    recorded = out.with_suffix(".json")  # of demonstrations that were recorded there before
+    check_result(recorded, "record")
     save_demonstrations(load_minari(minari), out)
+    recorded.unlink(missing_ok=True)
 
 
 @app.command()
@@ -196,9 +204,11 @@ def analyze(
 ) -> None:
     """Read an agent's language: what its messages go together with and what they cause, and an episode to watch."""
     from sb3_guide.experiments.stages.analyze import analyze as analyze_agent
+    from sb3_guide.experiments.stages.levels import level_of_agent
 
-    before = None if guide is None else folder_of(guide, level, "guide")
-    analyze_agent(folder_of(agent, level), level, demos, before, out, threads)
+    folder = folder_of(agent, level)
+    before = None if guide is None else folder_of(guide, level_of_agent(folder, level), "guide")
+    analyze_agent(folder, level, demos, before, out, threads)
 
 
 @app.command()

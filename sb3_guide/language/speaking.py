@@ -59,7 +59,7 @@ def symbols_of(message: Message, shape: MessageShape) -> Sequence[int] | np.ndar
     """
     if not isinstance(message, str):
         return message
-    symbols = [int(word[1:]) if re.fullmatch(r"w\d{1,3}", word) else -1 for word in message.split()]
+    symbols = [int(word[1:]) if re.fullmatch(r"w\d{1,9}", word) else -1 for word in message.split()]
     if len(symbols) != shape.length or not all(0 <= symbol < shape.vocabulary_size for symbol in symbols):
         example = " ".join(f"w{position % shape.vocabulary_size}" for position in range(shape.length))
         raise ValueError(

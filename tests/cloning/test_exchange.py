@@ -235,3 +235,9 @@ def test_one_command_makes_a_dataset_and_others_go_there_and_back(tmp_path):
     assert same(load_demonstrations(first), load_demonstrations(second))
     run("export", second, "guidegrid/GoToObj/copy-v1")
     assert sorted(minari.list_local_datasets()) == ["guidegrid/GoToObj/copy-v1", ID]
+    before = first.read_bytes()
+    again = ["record", "--level", "GoToObj", "--expert", "pretrained", "--episodes", "2", "--out", str(first), "--minari", ID]
+    assert "there is a dataset" in str(CliRunner().invoke(app, again).exception)
+    assert first.read_bytes() == before  # as nothing was played
+    run("import", ID, first)
+    assert not first.with_suffix(".json").exists()  # which told of the recording

@@ -41,7 +41,7 @@ def test_every_stage_explains_itself(command):
         (["speak", "pretrained", "--out", "x"], "which of the shipped agents? expected --level"),
         (["speak", "pretrained", "--level", "BossLevel", "--out", "x"], "there is no trained guided for BossLevel"),
         (["speak", "nowhere", "--level", "GoToObj", "--out", "x"], "nowhere is no agent's folder"),
-        (["ablate", "pretrained", "--level", "GoToObj", "--episodes", "0", "--out", "x"], "0 episodes were asked for"),
+        (["ablate", "pretrained", "--level", "GoToObj", "--episodes", "0", "--out", "x.json"], "expected at least 2"),
     ],
 )
 def test_wrong_use_ends_with_one_line(arguments, message, tmp_path, monkeypatch):
@@ -92,6 +92,9 @@ def test_configs_that_cannot_be_read(tmp_path):
         (tmp_path / "some.yml").write_text(content)
         with pytest.raises(ValueError, match=message):
             load_config("ppo", "GoToObj", tmp_path / "some.yml")
+    (tmp_path / "some.yml").write_text(f"{KEY}: {{policy: LearnerPolicy, n_envs: 4, n_timesteps: !!float 1e6, gamma: 1e-1}}")
+    config = load_config("ppo", "GoToObj", tmp_path / "some.yml")
+    assert (repr(config["n_timesteps"]), config["gamma"]) == ("1000000", 0.1)  # as rl-zoo itself takes them
 
 
 def test_every_intervention_with_a_name_can_be_heard() -> None:

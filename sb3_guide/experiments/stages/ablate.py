@@ -5,7 +5,7 @@ from pathlib import Path
 
 from sb3_guide.cloning import mission_seeds
 from sb3_guide.experiments.stages.levels import level_of_agent
-from sb3_guide.experiments.stages.runs import record, use_threads
+from sb3_guide.experiments.stages.runs import check_result, record, use_threads
 from sb3_guide.experiments.stages.statistics import paired_successes, wilson_interval
 from sb3_guide.files import write_json
 from sb3_guide.language import ablate, ablations, read
@@ -20,8 +20,11 @@ def ablate_agent(agent: Path, level: str | None, n_episodes: int, out: Path, thr
         learned on as many of the validation split
     :param out: JSON file to write
     :param threads: of torch
-    :raises ValueError: if the agent has no channel, or is of another level
+    :raises ValueError: if the agent has no channel or is of another level, or the file holds something else
     """
+    check_result(out, "ablate")
+    if n_episodes < 2:
+        raise ValueError(f"episodes={n_episodes}: expected at least 2, for intervals and tests")
     level = level_of_agent(agent, level)
     use_threads(threads)
     started = time.monotonic()

@@ -10,13 +10,15 @@ from matplotlib.figure import Figure
 from sb3_guide.cloning import Demonstrations, load_demonstrations, mission_seeds
 from sb3_guide.envs import is_level, level_of
 from sb3_guide.experiments.stages.levels import level_of_agent
-from sb3_guide.experiments.stages.runs import record, use_threads
+from sb3_guide.experiments.stages.runs import check_result, record, use_threads
 from sb3_guide.files import write_json
 from sb3_guide.language import Reading, read, read_along
 from sb3_guide.language.analysis import change, communication, in_situations, influences, structure, tables
 from sb3_guide.language.animation import replay, worth_watching, write_animation
 from sb3_guide.language.pictures import change_bars, conditional_bars, save_figure, view_maps
 from sb3_guide.policies import load_agent
+
+OPTIONAL = ("situations.png", "cells.png", "change.png", "episode.gif")  # so that none of an earlier analysis is left
 
 
 def analyze(
@@ -30,8 +32,11 @@ def analyze(
     :param out: folder for analysis.json, its figures and episode.gif
     :param threads: of torch
     :param n_episodes: missions to play, from the analysis split
-    :raises ValueError: if an agent has no channel or is of another level, or the demonstrations are, or are damaged
+    :raises ValueError: if an agent has no channel or is of another level, the demonstrations are or are damaged, or the folder
+        holds another analysis.json
     """
+    result = out / "analysis.json"
+    check_result(result, "analyze")
     level = level_of_agent(agent, level)
     use_threads(threads)
     started = time.monotonic()
@@ -55,6 +60,9 @@ def analyze(
     if before is not None:
         found |= change(before, reading)
     out.mkdir(parents=True, exist_ok=True)
+    if result.exists():
+        for name in OPTIONAL:
+            (out / name).unlink(missing_ok=True)
     draw(found, out)
     if (shown := replay(reading, level, worth_watching(reading))) is not None:
         write_animation(out / "episode.gif", *shown)
@@ -65,7 +73,7 @@ def analyze(
         "guide": None if guide is None else str(guide),
         "threads": threads,
     }
-    write_json(out / "analysis.json", {**record("analyze", settings, time.monotonic() - started), **found})
+    write_json(result, {**record("analyze", settings, time.monotonic() - started), **found})
 
 
 def demonstrations_of(path: Path, level: str) -> Demonstrations:

@@ -8,7 +8,7 @@ from tqdm import tqdm
 from sb3_guide.cloning import mission_seeds, play
 from sb3_guide.cloning.episodes import concatenate
 from sb3_guide.experiments.stages.levels import join_levels, split_levels
-from sb3_guide.experiments.stages.runs import record, use_threads
+from sb3_guide.experiments.stages.runs import check_result, record, use_threads
 from sb3_guide.experiments.stages.statistics import wilson_interval
 from sb3_guide.files import write_json
 from sb3_guide.policies import load_agent
@@ -21,8 +21,9 @@ def evaluate(agent: Path, level: str, n_episodes: int, out: Path, threads: int) 
     :param n_episodes: missions of each level to play, from the analysis split
     :param out: JSON file to write
     :param threads: of torch
-    :raises ValueError: if an argument is out of range
+    :raises ValueError: if an argument is out of range, or the file holds something else
     """
+    check_result(out, "evaluate")
     levels, seeds = split_levels(level), mission_seeds("analysis", n_episodes)
     use_threads(threads)
     started = time.monotonic()

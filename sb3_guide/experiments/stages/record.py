@@ -8,9 +8,10 @@ import numpy as np
 from tqdm import tqdm
 
 from sb3_guide.cloning import Demonstrations, mission_seeds, play, save_demonstrations
+from sb3_guide.cloning.demonstrations import check_place
 from sb3_guide.cloning.episodes import Episodes, concatenate
 from sb3_guide.experiments.stages.levels import environment
-from sb3_guide.experiments.stages.runs import alone, record, use_threads
+from sb3_guide.experiments.stages.runs import alone, check_result, record, use_threads
 from sb3_guide.files import write_json
 from sb3_guide.policies import AgentPolicy, load_agent
 from sb3_guide.policies.agents import LearnerAgent
@@ -30,10 +31,11 @@ def record_demonstrations(level: str, expert: Path, split: str, n_episodes: int,
     :param out: file of the demonstrations; a record of the run is written beside it
     :param threads: of torch
     :raises RuntimeError: if another call writes that file
-    :raises ValueError: if the expert fails most missions, or an argument is out of range
+    :raises ValueError: if the expert fails most missions, an argument is out of range, or the file holds something else
     """
-    if out.suffix != ".safetensors":
-        raise ValueError(f"{out} is to hold demonstrations: expected a name that ends in .safetensors")
+    beside = out.with_suffix(".json")
+    check_place(out)
+    check_result(beside, "record")
     level = environment(level)
     mission_seeds(split, n_episodes)  # complains before anything is loaded
     use_threads(threads)
@@ -56,7 +58,7 @@ def record_demonstrations(level: str, expert: Path, split: str, n_episodes: int,
             "mean_length": float(episodes.lengths.mean()),
             "expert_success_rate": len(episodes) / played,
         }
-        write_json(out.with_suffix(".json"), {**record("record", settings, time.monotonic() - started), **found})
+        write_json(beside, {**record("record", settings, time.monotonic() - started), **found})
 
 
 def successful_episodes(policy: AgentPolicy, level: str, split: str, n_episodes: int) -> tuple[Episodes, int]:

@@ -133,6 +133,20 @@ def check_ours(folder: Path, begun: Path) -> None:
         raise ValueError(f"{folder} holds an agent that no run has made: choose another --out or delete it")
 
 
+def check_result(path: Path, name: str) -> None:
+    """
+    To be called before the work is done.
+
+    :param path: of the JSON file that a stage is to write in the end
+    :param name: of the stage
+    :raises ValueError: if it is no name of a JSON file, or what it would take the place of is no result of that stage
+    """
+    if path.suffix != ".json":
+        raise ValueError(f"{path} is to hold the result of {name}: expected the name of a file that ends in .json")
+    if path.exists() and read_json(path).get("stage") != name:
+        raise ValueError(f"{path} holds something else than a result of {name}: choose another --out or delete it")
+
+
 def changes(before: dict[str, Any], after: dict[str, Any]) -> str:
     """:return: names of the settings that differ"""
     return ", ".join(sorted(name for name in before | after if before.get(name) != after.get(name)))

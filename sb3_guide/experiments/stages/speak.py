@@ -10,8 +10,8 @@ import numpy as np
 from sb3_guide.cloning import mission_seeds
 from sb3_guide.envs import ACTIONS, GuideGridEnv, is_level
 from sb3_guide.experiments.stages.levels import level_of_agent
-from sb3_guide.experiments.stages.runs import record, use_threads
-from sb3_guide.files import write_json
+from sb3_guide.experiments.stages.runs import check_result, record, use_threads
+from sb3_guide.files import read_text, write_json
 from sb3_guide.language import CHOREOGRAPHIES, Dictionary, danced, obey, overhear, perform, steps_of
 from sb3_guide.language.pictures import save_figure, walk_figure
 from sb3_guide.metrics import obedience
@@ -19,6 +19,7 @@ from sb3_guide.policies import AgentPolicy, load_agent
 
 LEARNED_ON = 500  # missions of the validation split
 WORLDS = 50  # missions on which ten messages each are told
+MOST_TEXT = 2**16  # bytes of a choreography
 TRIED = 200  # missions that are looked at for one where a choreography can be danced
 
 
@@ -44,8 +45,13 @@ def speak_to(
     :param seed: of the mission and of the random messages
     :param threads: of torch
     :raises FileNotFoundError: if there is no such choreography
-    :raises ValueError: if the agent has no channel, is of another level or has no word for something, or a step is unknown
+    :raises ValueError: if the agent has no channel, is of another level or has no word for something, a step is unknown, or
+        the folder holds another speech.json
     """
+    result, picture = out / "speech.json", out / "walk.png"
+    check_result(result, "speak")
+    if say and choreography is not None:
+        raise ValueError("there are words and a choreography to be told: leave out --say or --choreography")
     use_threads(threads)
     started = time.monotonic()
     level, policy = level_of_agent(agent, level), load_agent(agent)
@@ -55,13 +61,15 @@ def speak_to(
     script = ", ".join(say) if say else None if choreography is None else text_of(choreography, dictionary)
     told = [] if script is None else steps_of(script, dictionary)
     out.mkdir(parents=True, exist_ok=True)
+    if result.exists():
+        picture.unlink(missing_ok=True)
     if told:
         walk = walk_in_level if is_level(level) else walk_elsewhere
-        found["walk"] = walk(policy, level, told, dictionary, seed, out)
+        found["walk"] = walk(policy, level, told, dictionary, seed, picture)
     if measure:
         found["obedience"] = measured(policy, level, dictionary, seed)
     settings = {"level": level, "folder": str(agent), "seed": seed, "threads": threads}
-    write_json(out / "speech.json", {**record("speak", settings, time.monotonic() - started), **found})
+    write_json(result, {**record("speak", settings, time.monotonic() - started), **found})
 
 
 def entries(dictionary: Dictionary) -> list[dict[str, Any]]:
@@ -102,16 +110,16 @@ def text_of(choreography: str, dictionary: Dictionary) -> str:
             f"there is no choreography {choreography!r}: expected {', '.join(CHOREOGRAPHIES)}, or a text file with an action "
             "or a message on each line"
         )
-    return Path(choreography).read_text(encoding="utf-8")
+    return read_text(Path(choreography), MOST_TEXT)
 
 
 def walk_in_level(
-    policy: AgentPolicy, level: str, told: list[int], dictionary: Dictionary, seed: int, out: Path
+    policy: AgentPolicy, level: str, told: list[int], dictionary: Dictionary, seed: int, picture: Path
 ) -> dict[str, Any]:
     """
     :param told: index of the message at each step
     :param seed: which of the missions where the choreography can be danced
-    :param out: folder of the picture
+    :param picture: where to draw the walk
     :return: what was told, meant and done
     """
     meant = dictionary.meanings[told]
@@ -127,12 +135,12 @@ def walk_in_level(
             break
     lines = protocol(told, taken[: len(cells) - 1], dictionary)
     print("\n".join(lines))
-    save_figure(walk_figure(grid, np.array(cells), lines), out / "walk.png")
+    save_figure(walk_figure(grid, np.array(cells), lines), picture)
     return {"mission": env.mission, **account(mission, told, taken[: len(lines)], dictionary)}
 
 
 def walk_elsewhere(
-    policy: AgentPolicy, level: str, told: list[int], dictionary: Dictionary, seed: int, out: Path
+    policy: AgentPolicy, level: str, told: list[int], dictionary: Dictionary, seed: int, picture: Path
 ) -> dict[str, Any]:
     """As :func:`walk_in_level`, where nothing is known of walls and ways: on any mission, without a picture."""
     mission = int(mission_seeds("analysis", 1, skip=seed)[0])

@@ -21,7 +21,7 @@ def paired_successes(a: np.ndarray, b: np.ndarray) -> dict[str, float]:
     :param a: (E,) bool
     :param b: (E,) bool
     :return: "difference" of the success rates, its 95 % interval ("difference_low", "difference_high", Student's t over
-        missions), and McNemar's exact "p_value"
+        missions, not beyond -1 and 1), and McNemar's exact "p_value"
     :raises ValueError: if the two differ in length, or there are fewer than two missions
     """
     if a.shape != b.shape or len(a) < 2:
@@ -31,7 +31,7 @@ def paired_successes(a: np.ndarray, b: np.ndarray) -> dict[str, float]:
     only_a, only_b = int((a & ~b).sum()), int((b & ~a).sum())
     return {
         "difference": float(difference.mean()),
-        "difference_low": float(difference.mean()) - half,
-        "difference_high": float(difference.mean()) + half,
+        "difference_low": max(float(difference.mean()) - half, -1.0),
+        "difference_high": min(float(difference.mean()) + half, 1.0),
         "p_value": float(binomtest(only_a, only_a + only_b).pvalue) if only_a + only_b else 1.0,
     }

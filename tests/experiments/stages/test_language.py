@@ -1,8 +1,10 @@
 """Speaking to agents and taking their words away, as commands on the shipped agents."""
 
 import json
+import shutil
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from sb3_guide.envs import ACTIONS
 from sb3_guide.experiments import cli
 from sb3_guide.experiments.stages import speak
 from sb3_guide.experiments.stages.ablate import ablate_agent
+from sb3_guide.experiments.stages.analyze import analyze
 from sb3_guide.experiments.stages.levels import level_of_agent
 from sb3_guide.experiments.stages.speak import speak_to, text_of
 from sb3_guide.experiments.stages.statistics import paired_successes
@@ -100,6 +103,8 @@ def test_paired_successes_by_hand():
     assert found["difference"] == pytest.approx(-0.5)
     assert found["p_value"] == pytest.approx(2 * (1 + 5) / 2**5)  # one against four of five that differ
     assert paired_successes(a, a)["p_value"] == 1
+    few = paired_successes(np.array([1, 1, 0], dtype=bool), np.zeros(3, dtype=bool))
+    assert (few["difference_low"], few["difference_high"]) == (pytest.approx(-0.768, abs=0.001), 1)
     with pytest.raises(ValueError, match="expected the same missions, at least 2"):
         paired_successes(a, b[:5])
 
@@ -137,11 +142,15 @@ MUTE = str(expert_folder("GoToLocal"))
         (["analyze", LOCAL, "--demos", "none"], "none does not exist: expected demonstrations"),
         (["analyze", LOCAL, "--demos", "other.safetensors"], "holds demonstrations of GoToObj: expected GoToLocal"),
         (["analyze", LOCAL, "--demos", "empty.safetensors"], "0 episodes, 0 of them failed: expected at least one"),
+        (["speak", LOCAL, "--choreography", "other.safetensors"], "other.safetensors is no text in UTF-8"),
+        (["speak", LOCAL, "--choreography", "waltz", "--say", "left"], "leave out --say or --choreography"),
+        (["ablate", LOCAL, "--episodes", "1"], "episodes=1: expected at least 2"),
     ],
 )
 def test_bad_input_ends_with_one_line(arguments, message, files, tmp_path, monkeypatch):
     monkeypatch.chdir(files)
-    monkeypatch.setattr(sys, "argv", ["sb3-guide", *arguments, "--out", str(tmp_path / "out")])
+    out = tmp_path / ("out.json" if arguments[0] == "ablate" else "out")
+    monkeypatch.setattr(sys, "argv", ["sb3-guide", *arguments, "--out", str(out)])
     with pytest.raises(SystemExit) as ended:
         cli.main()
     assert message in str(ended.value)
@@ -162,3 +171,39 @@ def test_an_agent_plays_a_level_that_it_was_trained_on(tmp_path):
         level_of_agent(tmp_path / "several", "GoToObj")
     with pytest.raises(ValueError, match="expected --level NAME"):
         level_of_agent(tmp_path / "unknown", None)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["evaluate", MUTE, "--level", "GoToLocal", "--out", "agent.json"],
+        ["evaluate", MUTE, "--level", "GoToLocal", "--out", "network.safetensors"],
+        ["evaluate", MUTE, "--level", "GoToLocal", "--out", "."],
+        ["ablate", LOCAL, "--out", "agent.json"],
+        ["analyze", LOCAL, "--out", "."],
+        ["speak", LOCAL, "--out", "."],
+        ["record", "--level", "GoToLocal", "--expert", MUTE, "--episodes", "3", "--out", "network.safetensors"],
+        ["record", "--level", "GoToLocal", "--expert", MUTE, "--episodes", "3", "--out", "agent.safetensors"],
+    ],
+)
+def test_what_another_has_made_is_not_written_over(arguments, tmp_path, monkeypatch):
+    for path in Path(LOCAL).iterdir():
+        shutil.copy(path, tmp_path)
+    for name in ("analysis.json", "speech.json"):
+        shutil.copy(Path(LOCAL) / "agent.json", tmp_path / name)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["sb3-guide", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert "holds something else" in str(ended.value) or "expected the name of a file that ends in .json" in str(ended.value)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_figures_of_an_earlier_call_do_not_stay(tmp_path):
+    out, guide = tmp_path / "analysis", speaker_folder("GoToLocal", "guide")
+    analyze(Path(LOCAL), None, None, guide, out, threads=1, n_episodes=10)
+    assert (out / "change.png").is_file()
+    analyze(Path(LOCAL), None, None, None, out, threads=1, n_episodes=10)
+    assert not (out / "change.png").exists()
+    assert (out / "situations.png").is_file()
