@@ -51,6 +51,7 @@ def reproduce(
             summary = summarise(folder, names, repeats, seconds)
             write_json(folder / "summary.json", summary)
             command = ["sb3-guide", "reproduce", *names, "--seeds", str(repeats), "--cores", str(cores), "--out", str(out)]
+            command += [] if conditions is None else ["--conditions", str(conditions)]
             write_report(folder, summary, shlex.join(command))
             print(f"Done: see {out / 'report.html'}, and summary.json beside it.")
         else:

@@ -15,6 +15,7 @@ from sb3_guide.experiments.report.contrasts import area, episodes_to
 from sb3_guide.experiments.report.curves import COLOURS, STYLE
 from sb3_guide.experiments.report.guidance import interval, table
 from sb3_guide.experiments.report.study import Study, read_study
+from sb3_guide.experiments.workflow.conditions import Condition, load_catalogue
 from sb3_guide.files import atomically, write_text
 
 SPEECH = ("messages_used", "usage_entropy", "words", "actions_meant", "obeyed", "beyond_chance")
@@ -72,8 +73,15 @@ class Channel:
 
 
 def channels(study: Study, level: str) -> list[Channel]:
-    """:return: of a level, those of symbols first, from short messages of few to long ones of many"""
-    of_level = study.finals[(study.finals["level"] == level) & (study.finals["agent"] == "guided")]
+    """
+    :return: of a level, those of symbols first, from short messages of few to long ones of many; Learners that are guided in
+        another way than theirs, such as conditions of other studies in a shared folder, have none
+    """
+    known = load_catalogue().conditions
+    heard = {name: each for name, each in known.items() if each.agent == "guided" and each.references()}
+    plain = [name for name, each in heard.items() if each == Condition("guided", each.guide) and each.guide in known]
+    counted = study.finals["condition"].isin(plain) | ~study.finals["condition"].isin(known)
+    of_level = study.finals[(study.finals["level"] == level) & (study.finals["agent"] == "guided") & counted]
     found = [
         Channel(study, level, row.guide, row.condition, int(row.message_length), int(row.vocabulary_size), continuous)
         for row in of_level.drop_duplicates("condition").itertuples()

@@ -44,7 +44,7 @@ def draw_curves(study: Study, levels: Sequence[str], conditions: Sequence[str], 
             draw_level(axes, study, level, conditions, epochs)
         for axes in panels[len(levels) :]:
             axes.set_axis_off()
-        finish(figure, conditions, 2 * columns - 1, path)
+        finish(figure, conditions, max(2, 2 * columns - 1), path)
 
 
 def draw_sizes(study: Study, levels: Sequence[str], agents: Sequence[str], path: Path) -> None:
@@ -88,7 +88,7 @@ def draw_level(axes: Axes, study: Study, level: str, conditions: Sequence[str], 
     """Draw mean and seeds of each condition."""
     present = [condition for condition in conditions if study.has(level, condition)]
     for condition in present:
-        curve, colour = study.success(level, condition), COLOURS[conditions.index(condition)]
+        curve, colour = study.success(level, condition), COLOURS[conditions.index(condition) % len(COLOURS)]
         axes.plot(curve.index, curve, color=colour, linewidth=0.6, alpha=0.35)
         axes.plot(curve.index, curve.mean(axis=1), color=colour, linewidth=2, label=condition)
     seeds = [len(study.final(level, condition)) for condition in present]

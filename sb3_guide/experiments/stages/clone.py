@@ -23,6 +23,7 @@ from sb3_guide.experiments.stages.runs import Run, stage, use_threads, write_tab
 from sb3_guide.files import parse_yaml
 from sb3_guide.policies import AgentPolicy, PretrainedGuide, save_agent
 from sb3_guide.policies.folder import NETWORK
+from sb3_guide.policies.interventions import intervention_of
 from sb3_guide.policies.recurrent import RecurrentGuidedLearnerPolicy, RecurrentGuidePolicy, RecurrentLearnerPolicy
 from sb3_guide.policies.saving import start_from
 
@@ -74,9 +75,8 @@ def clone(
     :raises ValueError: if an argument is out of range, or the folder holds another run
     """
     names = split_levels(level)
+    check_agent(agent, guide, freeze_guide, hears, init)
     policy_kwargs = guide_kwargs(agent, guide, freeze_guide, hears)
-    if init is not None and agent != "learner":
-        raise ValueError(f"a {agent} starts from nothing: leave out --init, or choose --agent learner")
     config = override(shared_config(names, config_file), params)
     settings = {
         "agent": agent,
@@ -132,23 +132,31 @@ def build(agent: str, level: str, config: dict[str, Any], policy_kwargs: dict[st
     return policy
 
 
-def guide_kwargs(agent: str, guide: str | None, freeze_guide: bool, hears: str) -> dict[str, Any]:
+def check_agent(agent: str, guide: str | None, freeze_guide: bool, hears: str, init: str | Path | None) -> None:
     """
-    :return: what the policy of this agent is to know of a Guide
-    :raises ValueError: if there is no such agent, or a Guide is missing or too many
+    See :func:`clone`.
+
+    :raises ValueError: if there is no such agent or intervention, or the agent has no use for one of the others, or lacks it
     """
     if agent not in AGENTS:
         raise ValueError(f"agent={agent!r} is unknown: expected one of {', '.join(AGENTS)}")
+    intervention_of(hears)
     if agent != "guided" and hears != "spoken":
         raise ValueError(f"a {agent} hears no Guide: leave out --hears, or choose --agent guided")
-    if guide is None:
-        if agent == "guided":
-            raise ValueError("a guided Learner needs a pretrained Guide: pass its folder with --guide, or 'untrained'")
-        if freeze_guide:
-            raise ValueError("there is no Guide to freeze: pass its folder with --guide, or leave out --freeze-guide")
-        return {}
-    if agent == "learner":
+    if agent == "guided" and guide is None:
+        raise ValueError("a guided Learner needs a pretrained Guide: pass its folder with --guide, or 'untrained'")
+    if agent == "learner" and guide is not None:
         raise ValueError("a learner hears no Guide: leave out --guide, or choose --agent guided")
+    if freeze_guide and guide is None:
+        raise ValueError("there is no Guide to freeze: pass its folder with --guide, or leave out --freeze-guide")
+    if agent != "learner" and init is not None:
+        raise ValueError(f"a {agent} starts from nothing: leave out --init, or choose --agent learner")
+
+
+def guide_kwargs(agent: str, guide: str | None, freeze_guide: bool, hears: str) -> dict[str, Any]:
+    """:return: what the policy of this agent is to know of a Guide"""
+    if guide is None:
+        return {}
     pretrained = PretrainedGuide.untrained() if guide == UNTRAINED else PretrainedGuide.from_folder(guide)
     return {"guide": pretrained, "freeze_guide": freeze_guide} | ({"hears": hears} if agent == "guided" else {})
 

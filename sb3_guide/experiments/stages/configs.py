@@ -92,7 +92,7 @@ def load_config(name: str, level: str, file: Path | None = None) -> dict[str, An
     key = level_of(level).env_id if is_level(level) else level
     if not isinstance(entries, dict) or not isinstance(entries.get(key), dict):
         known = ", ".join(map(str, entries)) if isinstance(entries, dict) else "none"
-        raise ValueError(f"{path} has no entry {key}: it has {known}; add one or pass another file with --config")
+        raise ValueError(f"{path} has no entry {key}: it has {known}; add one, or give a stage another file with --config")
     config = entries[key]
     if missing := [entry for entry in (OF_CLONING if name == "bc" else OF_TRAINING) if entry not in config]:
         raise ValueError(f"{key} in {path} lacks {', '.join(missing)}")

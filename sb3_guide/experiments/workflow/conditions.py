@@ -8,12 +8,11 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sb3_guide.experiments.stages.clone import AGENTS, UNTRAINED, override, shared_config
+from sb3_guide.experiments.stages.clone import UNTRAINED, check_agent, override, shared_config
 from sb3_guide.experiments.stages.configs import load_config
 from sb3_guide.experiments.stages.levels import join_levels, split_levels
 from sb3_guide.experts import expert_folder
 from sb3_guide.files import check_types, read_yaml
-from sb3_guide.policies.interventions import intervention_of
 
 PACKAGED = Path(__file__).with_name("conditions.yml")
 EXPERTS = ("trained", "pretrained")
@@ -34,7 +33,7 @@ class Condition:
     :param init: reference to the condition whose weights a Learner starts from
     :param params: hyper-parameters to override
     :raises TypeError: if something is of another type
-    :raises ValueError: if there is no such agent or intervention
+    :raises ValueError: see :func:`~sb3_guide.experiments.stages.clone.check_agent`, whose options are the keys here
     """
 
     agent: str
@@ -46,9 +45,7 @@ class Condition:
 
     def __post_init__(self) -> None:
         check_types(self)
-        if self.agent not in AGENTS:
-            raise ValueError(f"agent {self.agent!r} is unknown: expected one of {', '.join(AGENTS)}")
-        intervention_of(self.hears)
+        check_agent(self.agent, self.guide, self.freeze_guide, self.hears, self.init)
 
     def references(self) -> list[str]:
         """:return: to the conditions that have to be run before"""
@@ -74,6 +71,10 @@ class Grid:
     def __post_init__(self) -> None:
         check_types(self)
         check_seeds(self.seeds)
+
+    def names(self, chosen: list[str]) -> list[str]:
+        """:return: of its levels, or those that the caller names"""
+        return chosen if self.levels is None else [names_of(level) for level in self.levels]
 
 
 @dataclass(frozen=True)
@@ -126,7 +127,7 @@ class Run(NamedTuple):
         :return: the run that it means here
         """
         condition, _, level = reference.partition("@")
-        return Run(level or self.level, self.seed, condition)
+        return Run(names_of(level) if level else self.level, self.seed, condition)
 
 
 class Catalogue(NamedTuple):
@@ -152,9 +153,9 @@ class Catalogue(NamedTuple):
             raise ValueError(f"study {study!r} is unknown: expected one of {', '.join(self.studies)}")
         if seeds is not None:
             check_seeds(seeds)
-        chosen = [join_levels(split_levels(level)) for level in levels]
+        chosen = [names_of(level) for level in levels]
         grids = self.studies[study].grids
-        own = {level for grid in grids for level in grid.levels or chosen}
+        own = {level for grid in grids for level in grid.names(chosen)}
         if not own or (unknown := [level for level in chosen if level not in own]):
             named = ", ".join(unknown) if own else "levels of its own"
             expected = ", ".join(sorted(own)) or "at least one to be named, such as GoToObj"
@@ -162,7 +163,7 @@ class Catalogue(NamedTuple):
         runs = [
             Run(level, seed, condition)
             for grid in grids
-            for level in grid.levels or chosen
+            for level in grid.names(chosen)
             if level in (chosen or own)
             for seed in range(grid.seeds if seeds is None else seeds)
             for condition in grid.conditions
@@ -209,6 +210,11 @@ class Catalogue(NamedTuple):
         return options
 
 
+def names_of(levels: str) -> str:
+    """:return: name of a level, or names of several joined by "+", as folders have them"""
+    return join_levels(split_levels(levels))
+
+
 def check_seeds(seeds: int) -> None:
     """:raises ValueError: if there are too many of them or none"""
     if not 1 <= seeds <= MAX_SEEDS:
@@ -232,15 +238,28 @@ def load_catalogue(file: Path | None = None) -> Catalogue:
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise ValueError(f"{path} holds no usable conditions and studies: {error}") from error
     used = [
-        *(reference for condition in conditions.values() for reference in condition.references()),
+        *(reference.partition("@")[0] for condition in conditions.values() for reference in condition.references()),
         *(name for study in studies.values() for grid in study.grids for name in grid.conditions),
         *(name for study in studies.values() for name in (*study.analyze, *study.speak)),
     ]
     for name in used:
-        if name.partition("@")[0] not in conditions:
+        if name not in conditions:
             raise ValueError(f"condition {name!r} is unknown: expected one of {', '.join(conditions)}")
     check_order(conditions)
+    check_references(conditions)
     return Catalogue(conditions, studies)
+
+
+def check_references(conditions: dict[str, Condition]) -> None:
+    """
+    :param conditions: by name
+    :raises ValueError: if one waits for an agent of a kind that it has no use for
+    """
+    for name, condition in conditions.items():
+        for reference, kinds in ((condition.guide, ("guide",)), (condition.init, ("learner", "guide"))):
+            kind = None if reference in (None, UNTRAINED) else conditions[reference.partition("@")[0]].agent
+            if kind is not None and kind not in kinds:
+                raise ValueError(f"condition {name!r} needs {reference!r}, a {kind}: expected a {' or a '.join(kinds)}")
 
 
 def check_order(conditions: dict[str, Condition]) -> None:

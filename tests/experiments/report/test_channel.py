@@ -94,3 +94,16 @@ def test_tables_that_are_none(tmp_path: Path) -> None:
     table.drop(columns=["channel", "words"]).to_csv(tmp_path / "finals.csv", index=False)
     with pytest.raises(ValueError, match=r"finals\.csv lacks channel, words: expected runs of a study that speaks"):
         write_page(tmp_path)
+
+
+def test_learners_that_are_guided_in_another_way_are_no_channels(tmp_path: Path) -> None:
+    """Those of other studies that share a folder."""
+    write_study(tmp_path, seeds=2)
+    finals, curves = pd.read_csv(tmp_path / "finals.csv"), pd.read_csv(tmp_path / "curves.csv")
+    for name in ("frozen", "silent", "untrained", "guided-by-GoToLocal", "guided-100"):
+        finals = pd.concat([finals, finals[finals["condition"] == "guided-2x3"].assign(condition=name)])
+        curves = pd.concat([curves, curves[curves["condition"] == "guided-2x3"].assign(condition=name)])
+    finals.to_csv(tmp_path / "finals.csv", index=False)
+    curves.to_csv(tmp_path / "curves.csv", index=False)
+    names = {each.guided for each in channels(read_study(tmp_path), "GoToLocal")}
+    assert names == {*(f"guided-{name}" for name in SHAPES), "guided-continuous"}

@@ -1,5 +1,6 @@
 """From runs to tables, and from tables to pages."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +62,28 @@ def test_one_seed_makes_pages_and_no_verdict(tmp_path: Path) -> None:
     write_study(tmp_path, ["GoToObj"], ["learner", "guided"], seeds=1)
     write_pages(tmp_path)
     assert "Guided Learners learn faster than Learners alone | **is not shown**" in (tmp_path / "README.md").read_text()
+
+
+def test_conditions_of_ones_own_are_told_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(SPEED, "late", 500)
+    write_study(tmp_path, ["GoToObj", "GoToLocal+PickupLoc"], ["late"], seeds=3)
+    write_pages(tmp_path)
+    overview = (tmp_path / "README.md").read_text()
+    assert re.search(r"\| GoToObj \| late \| 3 \| 0\.\d+ ± ", overview)
+    assert re.search(r"\| GoToLocal\+PickupLoc \| late \| 3 \| 0\.\d+ ± ", overview)
+    assert "Of 14 of the 14 claims these runs say nothing." in overview
+    assert "criteria.md)" not in overview  # which is not there
+    assert Image.open(tmp_path / "others.png").size[0] > 400
+
+
+def test_a_page_of_few_sizes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("learner-1000", "guided-300"):
+        monkeypatch.setitem(SPEED, name, 500)
+    write_study(tmp_path, ["GoToLocal"], ["learner-1000", "guided-300"], seeds=2)
+    write_pages(tmp_path)
+    overview = (tmp_path / "README.md").read_text()
+    links = re.findall(r"\]\((\S+)\)", overview)
+    assert all((tmp_path / link).is_file() for link in links)
 
 
 def test_every_claim_is_about_conditions_that_exist() -> None:

@@ -75,10 +75,24 @@ def test_a_study_of_ones_own(tmp_path: Path) -> None:
     assert "intra" in catalogue.studies
 
 
+def test_levels_may_be_written_as_ids(tmp_path: Path) -> None:
+    far = {"agent": "guided", "guide": "guide@GuideGrid-GoToLocal-v0"}
+    study = {"grids": [{"levels": ["GuideGrid-PickupLoc-v0"], "conditions": ["far"], "seeds": 1}]}
+    catalogue = load_catalogue(write(tmp_path / "mine.yml", conditions={"far": far}, studies={"mine": study}))
+    runs = [Run("GoToLocal", 0, "guide"), Run("PickupLoc", 0, "far")]
+    assert catalogue.runs("mine") == catalogue.runs("mine", ["PickupLoc"]) == runs
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ({"conditions": {"x": {"agent": "teacher"}}}, "agent 'teacher' is unknown: expected one of learner, guide, guided"),
+        ({"conditions": {"x": {"agent": "teacher"}}}, "agent='teacher' is unknown: expected one of learner, guide, guided"),
+        ({"conditions": {"x": {"agent": "learner", "guide": "guide"}}}, "a learner hears no Guide"),
+        ({"conditions": {"x": {"agent": "guided"}}}, "a guided Learner needs a pretrained Guide"),
+        ({"conditions": {"x": {"agent": "guide", "init": "learner"}}}, "a guide starts from nothing"),
+        ({"conditions": {"x": {"agent": "guided", "guide": "learner"}}}, "needs 'learner', a learner: expected a guide"),
+        ({"conditions": {"x": {"agent": "learner", "init": "guided"}}}, "needs 'guided', a guided: expected a learner or a"),
+        ({"studies": {"x": {"grids": [{"conditions": ["guide@GoTo"], "seeds": 1}]}}}, "condition 'guide@GoTo' is unknown"),
         (
             {"conditions": {"x": {"agent": "guided", "hears": "well"}}},
             "intervention 'well' is unknown: expected one of spoken",
