@@ -45,7 +45,7 @@ class Heads(MlpExtractor):
         for layers in net_arch.values() if isinstance(net_arch, dict) else [net_arch]:
             if len(layers) > MAX_LAYERS or not all(isinstance(units, int) and 1 <= units <= MAX_UNITS for units in layers):
                 raise ValueError(
-                    f"net_arch={reprlib.repr(net_arch)}: expected at most {MAX_LAYERS} layers of 1 to {MAX_UNITS} units"
+                    f"net_arch={reprlib.repr(net_arch)}: expected ints, at most {MAX_LAYERS} layers of 1 to {MAX_UNITS} units"
                 )
         super().__init__(network.features_dim, net_arch, activation_fn, device)
         critic = MlpExtractor(network.critic_dim, net_arch, activation_fn, device)

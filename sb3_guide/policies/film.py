@@ -292,14 +292,15 @@ class FiLMExtractor(BaseFeaturesExtractor):
 
     :param observation_space: with "image" and, where there are missions, "mission"
     :param size: "compact", "medium" or "paper" (Table A.2); pixels are looked at in the same way by both
+    :param normalize_images: as the policy has it, which divides images of bytes by 255 unless it is False
     :raises ValueError: if there is no image that can be seen
     """
 
-    def __init__(self, observation_space: spaces.Dict, size: str = "compact") -> None:
+    def __init__(self, observation_space: spaces.Dict, size: str = "compact", normalize_images: bool = True) -> None:
         widths = size_of(size)
         super().__init__(observation_space, features_dim=widths.image)
         self.picture = picture_of(observation_space)
-        self.normalised_by_sb3 = is_image_space(observation_space["image"])
+        self.normalised_by_sb3 = normalize_images and is_image_space(observation_space["image"])
         self.instruction = InstructionEncoder(words_of(observation_space), widths)
         vision = PixelVision if self.picture.values is None else PaperVision if size == "paper" else CompactVision
         self.vision = vision(widths, self.picture)

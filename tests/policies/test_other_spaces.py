@@ -113,9 +113,11 @@ def test_pictures_are_the_same_whichever_way_sb3_turns_them(kind):
 
 
 @pytest.mark.parametrize("kind", ["cells", "bytes", "pixels", "floats"])
-def test_the_extractor_sees_in_sb3s_own_policies_what_agents_see(kind):
+@pytest.mark.parametrize("normalize", [True, False])
+def test_the_extractor_sees_in_sb3s_own_policies_what_agents_see(kind, normalize):
     env = make_vec_env(lambda: Signal(kind), 2)
-    kwargs = {"features_extractor_class": FiLMExtractor}
+    as_they_are = {"normalize_images": False, "features_extractor_kwargs": {"normalize_images": False}}
+    kwargs = {"features_extractor_class": FiLMExtractor, **({} if normalize else as_they_are)}
     theirs = PPO("MultiInputPolicy", env, n_steps=8, batch_size=16, policy_kwargs=kwargs).policy
     ours = PPO("LearnerPolicy", env, n_steps=8, batch_size=16).policy
     ours.network.film.load_state_dict(theirs.features_extractor.state_dict())

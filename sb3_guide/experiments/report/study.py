@@ -80,7 +80,10 @@ def read_study(folder: Path) -> Study:
         path = folder / name
         if not path.is_file():
             raise FileNotFoundError(f"{path} does not exist: expected the tables of a study, as sb3-guide collect writes them")
-        table = pd.read_csv(path)
+        try:
+            table = pd.read_csv(path)
+        except ValueError as error:
+            raise ValueError(f"{path} is no table: {error}") from error
         if missing := columns - set(table.columns):
             raise ValueError(f"{path} lacks {', '.join(sorted(missing))}: expected the columns that sb3-guide collect writes")
         if table.empty:

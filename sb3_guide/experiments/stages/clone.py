@@ -1,5 +1,6 @@
 """Stages 2 and 3: Learner, Guide and guided Learner by imitation's BC (paper section 3.3), and the controls."""
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -275,7 +276,10 @@ class Cloning:
         elif 0 in self.validate_at:
             self.validation()
         left = self.n_epochs - self.loader.epoch
-        with self.progress:
+        with self.progress, warnings.catch_warnings():
+            warnings.filterwarnings(
+                "ignore", "Converting a tensor with requires_grad", UserWarning
+            )  # as imitation logs a loss
             if left:
                 self.algorithm.train(
                     n_epochs=left, on_batch_end=self.after_update, on_epoch_end=self.after_epoch, progress_bar=False

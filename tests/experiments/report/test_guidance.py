@@ -103,6 +103,9 @@ def test_tables_that_are_none(tmp_path: Path) -> None:
     table.head(0).to_csv(tmp_path / "finals.csv", index=False)
     with pytest.raises(ValueError, match=r"finals\.csv is empty: expected at least one run"):
         write_pages(tmp_path)
+    (tmp_path / "finals.csv").write_text("")
+    with pytest.raises(ValueError, match=r"finals\.csv is no table"):
+        write_pages(tmp_path)
 
 
 def test_a_claim_that_is_none(tmp_path: Path) -> None:
