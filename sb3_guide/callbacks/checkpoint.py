@@ -18,6 +18,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecMonitor, 
 
 from sb3_guide.callbacks.success import EpisodeSuccesses
 from sb3_guide.files import atomically
+from sb3_guide.policies.networks import GuideNetwork
 
 MAGIC = b"sb3-guide checkpoint 2 "  # begins the line that stands before what torch has written
 WITHOUT_CHECKSUM = b"PK"  # begins a checkpoint of the format before, a zip of torch's
@@ -28,8 +29,9 @@ MONITORED = ("episode_returns", "episode_lengths")  # of VecMonitor, in the mids
 class TrainingCheckpoint(BaseCallback):
     """
     Save the state of an on-policy training before a rollout starts, such that :func:`restore_training` goes on as if nothing
-    had happened. The file is written atomically: the last good one is always there. The environments must be such as
-    GuideGridVecEnv, whose state can be told, in a VecMonitor or not; other wrappers would lose theirs, so they are refused.
+    had happened (but for what an accelerator draws, whose generators are not kept). The file is written atomically: the last
+    good one is always there. The environments must be such as GuideGridVecEnv, whose state can be told, in a VecMonitor or
+    not; other wrappers would lose theirs, so they are refused.
 
     :param path: of the file
     :param watchers: callbacks whose own state belongs to it
@@ -123,6 +125,7 @@ def training_state(model: OnPolicyAlgorithm) -> dict[str, Any]:
         "optimizer": model.policy.optimizer.state_dict(),
         "counters": {name: getattr(model, name) for name in COUNTERS},
         "random": random_streams(),
+        "chance": [generator.get_state() for generator in chances(model)],
         "last_obs": tensors(model._last_obs),  # type: ignore[arg-type]
         "last_episode_starts": th.as_tensor(model._last_episode_starts),
         "last_lstm_states": None if lstm is None else [list(lstm.pi), list(lstm.vf)],
@@ -163,6 +166,13 @@ def restore_training(model: OnPolicyAlgorithm, state: dict[str, Any], watchers: 
     model.ep_info_buffer = deque(episodes, maxlen=model._stats_window_size)
     model.ep_success_buffer = deque(state["successes"], maxlen=model._stats_window_size)
     restore_random_streams(state["random"])
+    for generator, drawn in zip(chances(model), state["chance"], strict=True):
+        generator.set_state(drawn)
+
+
+def chances(model: OnPolicyAlgorithm) -> list[th.Generator]:
+    """:return: generators of a network with a channel, of what interventions draw"""
+    return [module.chance for module in model.policy.modules() if isinstance(module, GuideNetwork)]
 
 
 def monitor_of(env: VecEnv) -> VecMonitor | None:

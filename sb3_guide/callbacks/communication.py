@@ -6,6 +6,7 @@ from stable_baselines3.common.buffers import DictRolloutBuffer
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
+from sb3_guide.callbacks.rollouts import is_due
 from sb3_guide.cloning.validation import measure_communication
 from sb3_guide.policies import AgentPolicy
 from sb3_guide.policies.memory import State
@@ -30,7 +31,6 @@ class CICCallback(BaseCallback):
         self.n_frames = n_frames
         self.every_n_rollouts = every_n_rollouts
         self.seed = seed
-        self.n_rollouts = 0
 
     def _init_callback(self) -> None:
         policy = self.model.policy
@@ -45,8 +45,7 @@ class CICCallback(BaseCallback):
         return True
 
     def _on_rollout_end(self) -> None:
-        self.n_rollouts += 1
-        if self.n_rollouts % self.every_n_rollouts == 0:
+        if is_due(self, self.every_n_rollouts):
             for name, value in measure_communication(self.model.policy, self._memory()).items():  # type: ignore[arg-type]
                 self.logger.record(f"guide/{name}", value)
 

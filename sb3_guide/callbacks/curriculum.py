@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from math import isfinite
+from math import inf, isfinite
 from typing import Any
 
 import numpy as np
@@ -46,6 +46,10 @@ class Part:
             raise ValueError(f"success_rate={self.success_rate}: expected a number above 0 and at most 1")
         if self.n_timesteps is not None and self.n_timesteps < 1:
             raise ValueError(f"n_timesteps={self.n_timesteps}: expected at least 1")
+        for name in ("learning_rate", "ent_coef", "gamma", "gae_lambda"):
+            value, most = getattr(self, name), 1 if name in ("gamma", "gae_lambda") else inf
+            if isinstance(value, int | float) and not 0 <= value <= most:
+                raise ValueError(f"{name}={value}: expected a number from 0{'' if most == inf else f' to {most}'}")
         if isinstance(self.learning_rate, str):
             falling(self.learning_rate)
             if self.n_timesteps is None:
@@ -126,9 +130,8 @@ class Curriculum(EpisodeSuccesses):
     @property
     def over(self) -> bool:
         """Whether the present part is."""
-        rate, frames, solved = self.part.success_rate, self.part.n_timesteps, sum(self.successes)
-        enough = rate is not None and len(self.successes) == self.n_episodes and solved >= rate * self.n_episodes
-        return enough or (frames is not None and self.frames >= frames)
+        rate, frames = self.part.success_rate, self.part.n_timesteps
+        return (rate is not None and self.enough(rate)) or (frames is not None and self.frames >= frames)
 
     def _init_callback(self) -> None:
         if self.model is not self.owner:

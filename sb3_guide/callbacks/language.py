@@ -6,6 +6,7 @@ import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 
+from sb3_guide.callbacks.rollouts import is_due
 from sb3_guide.cloning import mission_seeds
 from sb3_guide.language import Reading, learn, read
 from sb3_guide.policies import AgentPolicy
@@ -99,7 +100,6 @@ class LanguageCallback(BaseCallback):
         self.level = level
         self.n_episodes = n_episodes
         self.every_n_rollouts = every_n_rollouts
-        self.n_rollouts = 0
 
     def _init_callback(self) -> None:
         if not isinstance(self.model.policy, AgentPolicy):
@@ -112,6 +112,5 @@ class LanguageCallback(BaseCallback):
         return True
 
     def _on_rollout_end(self) -> None:
-        self.n_rollouts += 1
-        if self.n_rollouts % self.every_n_rollouts == 0:
+        if is_due(self, self.every_n_rollouts):
             self.pictures.show(self.num_timesteps)

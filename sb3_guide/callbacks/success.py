@@ -26,6 +26,10 @@ class EpisodeSuccesses(BaseCallback):
         """How many episodes are remembered."""
         raise NotImplementedError
 
+    def enough(self, success_rate: float) -> bool:
+        """:return: whether as many episodes as are remembered have been played, and so many of them succeeded"""
+        return len(self.successes) == self.n_episodes and sum(self.successes) >= success_rate * self.n_episodes
+
     def _init_callback(self) -> None:
         if self.model is not self.owner:
             self.owner = self.model
@@ -101,7 +105,7 @@ class StopTrainingOnSuccessRate(EpisodeSuccesses):
 
     def _on_step(self) -> bool:
         super()._on_step()
-        reached = len(self.successes) == self.n_episodes and sum(self.successes) >= self.success_rate * self.n_episodes
+        reached = self.enough(self.success_rate)
         if reached and self.verbose:
             print(f"Stopping training: {sum(self.successes)} of the last {self.n_episodes} episodes succeeded")
         return not reached

@@ -141,7 +141,7 @@ def episode_bc(
     :param ent_weight: weight of the entropy of the actions
     :param seed: of the order of the episodes and of the messages' noise
     :param logger: imitation's; None makes a new one
-    :return: the algorithm and its loader, whose ``epoch`` is to be counted up after each epoch
+    :return: the algorithm and its loader, which counts its epochs
     :raises ValueError: if the demonstrations are of another observation space or fewer than a batch, or the memory is a window
     """
     if isinstance(policy, AgentPolicy) and not policy.carries_memory:
@@ -159,7 +159,11 @@ def episode_bc(
         policy=policy,
         demonstrations=loader,
         batch_size=batch_size,
-        optimizer_kwargs={"lr": learning_rate, "eps": 1e-5, "fused": policy.device.type == "cpu"},  # elsewhere torch chooses
+        optimizer_kwargs={
+            "lr": learning_rate,
+            "eps": 1e-5,
+            "fused": policy.device.type == "cpu" or None,
+        },  # or as torch chooses
         device=policy.device,
         custom_logger=logger,
     )

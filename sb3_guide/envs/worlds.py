@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+from contextlib import closing
 from typing import Any
 
 import gymnasium
@@ -147,14 +148,14 @@ def action_names(env_id: str) -> tuple[str, ...]:
     """
     if is_level(name_of(env_id)):
         return ACTIONS
-    env = gymnasium.make(env_id)
-    count = int(_discrete(env.action_space).n)
-    for attribute in ("action_names", "actions"):
-        try:
-            names = env.get_wrapper_attr(attribute)
-        except AttributeError:
-            continue
-        found = tuple(name.name if isinstance(name, enum.Enum) else name for name in names)
-        if len(found) == count and all(isinstance(name, str) for name in found):
-            return found
+    with closing(gymnasium.make(env_id)) as env:
+        count = int(_discrete(env.action_space).n)
+        for attribute in ("action_names", "actions"):
+            try:
+                names = env.get_wrapper_attr(attribute)
+            except AttributeError:
+                continue
+            found = tuple(name.name if isinstance(name, enum.Enum) else name for name in names)
+            if len(found) == count and all(isinstance(name, str) for name in found):
+                return found
     return tuple(map(str, range(count)))

@@ -62,17 +62,6 @@ class Page(str, Enum):
     channel = "channel"
 
 
-class Hears(str, Enum):
-    """Interventions by name."""
-
-    spoken = "spoken"
-    silent = "silent"
-    uniform = "uniform"
-    shuffled = "shuffled"
-    delayed = "delayed"
-    swapped = "swapped"
-
-
 @app.command()
 def expert(
     level: Level,
@@ -149,7 +138,10 @@ def clone(
     out: Annotated[Path, typer.Option(help="Folder for the agent.")],
     guide: Annotated[str | None, typer.Option(help="Folder of the Guide that is heard, or 'untrained' for a new one.")] = None,
     freeze_guide: Annotated[bool, typer.Option("--freeze-guide", help="Keep that Guide as it is.")] = False,
-    hears: Annotated[Hears, typer.Option(help="What happens to that Guide's messages before they are heard.")] = Hears.spoken,
+    hears: Annotated[
+        str,
+        typer.Option(help="What happens to that Guide's messages: silent, uniform, shuffled, delayed, swapped, or nothing."),
+    ] = "spoken",
     init: Annotated[Path | None, typer.Option(help="Folder of a Learner, or of a Guide for its trunk, to start from.")] = None,
     params: Annotated[list[str] | None, typer.Option(help="Hyper-parameter to override, such as n_epochs:5.")] = None,
     tensorboard: Annotated[
@@ -169,7 +161,7 @@ def clone(
         renew=renew,
         guide=guide,
         freeze_guide=freeze_guide,
-        hears=hears.value,
+        hears=hears,
         init=init,
         params=params or (),
         config_file=config,
@@ -197,6 +189,7 @@ def analyze(
     out: Annotated[Path, typer.Option(help="Folder for analysis.json, its figures and episode.gif.")],
     level: OwnLevel = None,
     demos: Annotated[Path | None, typer.Option(help="Demonstrations along which to measure CIC too, as in the paper.")] = None,
+    episodes: Annotated[int, typer.Option(help="Missions to play, each of them fresh.")] = 500,
     guide: Annotated[
         str | None, typer.Option(help="Folder of the Guide that it learned from, or 'pretrained', to show how words changed.")
     ] = None,
@@ -208,7 +201,7 @@ def analyze(
 
     folder = folder_of(agent, level)
     before = None if guide is None else folder_of(guide, level_of_agent(folder, level), "guide")
-    analyze_agent(folder, level, demos, before, out, threads)
+    analyze_agent(folder, level, demos, before, out, threads, episodes)
 
 
 @app.command()

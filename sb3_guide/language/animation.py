@@ -3,6 +3,7 @@
 import io
 import textwrap
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,6 +19,7 @@ from sb3_guide.language.reading import Reading
 SHOWN_LENGTH = 8  # frames that an episode needs to be worth watching
 WIDTH = 320  # pixels; the grid is scaled to a square of this side
 PANEL = 132  # pixels of text beneath the grid
+MILLISECONDS = 500  # that a frame stays; the last one stays four times as long
 MAX_FRAMES = 100  # keeps a maze of 22 x 22 cells under 1 MB
 COLOURS = 96  # of the palette, shared by all frames
 BACKGROUND, FAINT, TEXT, MESSAGE, ACTION = "#16181d", "#9aa3b2", "#f2f4f8", "#f0a15e", "#7cc4f5"
@@ -74,32 +76,32 @@ def drawn(level: str) -> gymnasium.Env | None:
     """:return: an environment that draws itself, None if it can't"""
     if is_level(level):
         return GuideGridEnv(level, render_mode="rgb_array")
-    if "rgb_array" not in (gymnasium.make(level).metadata.get("render_modes") or ()):
-        return None
+    with closing(gymnasium.make(level)) as env:
+        if "rgb_array" not in (env.metadata.get("render_modes") or ()):
+            return None
     try:
         return gymnasium.make(level, render_mode="rgb_array")
     except TypeError:  # what makes it takes no render mode
         return None
 
 
-def write_animation(path: Path, frames: Sequence[np.ndarray], captions: Sequence[Caption], milliseconds: int = 500) -> None:
+def write_animation(path: Path, frames: Sequence[np.ndarray], captions: Sequence[Caption]) -> None:
     """
     Write :func:`animation` to a file atomically.
 
     :param path: of the GIF; its folder must exist
     """
-    content = animation(frames, captions, milliseconds)
+    content = animation(frames, captions)
     with atomically(path) as partial:
         partial.write_bytes(content)
 
 
-def animation(frames: Sequence[np.ndarray], captions: Sequence[Caption], milliseconds: int = 500) -> bytes:
+def animation(frames: Sequence[np.ndarray], captions: Sequence[Caption]) -> bytes:
     """
-    A GIF of at most 1 MB. Of an episode longer than MAX_FRAMES, evenly spaced frames are shown.
+    A GIF, in our levels of at most 1 MB. Of an episode longer than MAX_FRAMES, evenly spaced frames are shown.
 
     :param frames: of one episode, each (height, width, 3) uint8, square cells
     :param captions: one a frame
-    :param milliseconds: that a frame stays; the last one stays four times as long
     :return: content of the file
     :raises ValueError: if there is no frame, captions and frames differ in number, or a frame is no RGB picture
     """
@@ -107,7 +109,7 @@ def animation(frames: Sequence[np.ndarray], captions: Sequence[Caption], millise
         raise ValueError(f"An animation needs frames and as many captions: got {len(frames)} frames, {len(captions)} captions")
     chosen = np.linspace(0, len(frames) - 1, min(len(frames), MAX_FRAMES)).round().astype(int)
     pictures = share_palette([draw_frame(frames[index], captions[index]) for index in chosen])
-    durations = [milliseconds] * (len(pictures) - 1) + [4 * milliseconds]
+    durations = [MILLISECONDS] * (len(pictures) - 1) + [4 * MILLISECONDS]
     file = io.BytesIO()
     pictures[0].save(file, "GIF", save_all=True, append_images=pictures[1:], duration=durations, loop=0)
     return file.getvalue()

@@ -91,9 +91,10 @@ def read_dictionary(path: Path) -> Dictionary:
     try:
         shape, actions = MessageShape(**content["shape"]), tuple(content["actions"])
         counts = np.zeros((shape.count, len(actions)), dtype=np.int64)
+        rows = {name: row for row, name in enumerate(shape.names())}
         for message, followed in content["followed"].items():
             for action, times in followed.items():
-                counts[shape.names().index(message), actions.index(action)] = times
+                counts[rows[message], actions.index(action)] = times
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ValueError(f"{path} is no dictionary: {error}") from error
     return Dictionary(shape, counts, actions)

@@ -1,14 +1,12 @@
 """Episodes as a page of its own, which needs neither server nor network, and as a GIF."""
 
-import tempfile
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from sb3_guide.language.animation import Caption, write_animation
+from sb3_guide.language.animation import Caption, animation
 from sb3_guide.playground.episode import Turn
 from sb3_guide.playground.pictures import data_url
 from sb3_guide.playground.scenes import Captions
@@ -124,7 +122,4 @@ def gif_of(recording: Recording) -> bytes:
         heard = recording.messages[turn.heard] + (" (you)" if turn.by_person else "")
         captions.append(Caption(moment.mission, heard, recording.actions[turn.action]))
     captions.append(Caption(recording.moments[-1].mission, "", ""))
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "episode.gif"
-        write_animation(path, recording.worlds, captions)
-        return path.read_bytes()
+    return animation(recording.worlds, captions)

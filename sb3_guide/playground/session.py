@@ -209,7 +209,7 @@ def messages(text: str) -> list[int | None]:
     """
     row: list[int | None] = []
     for run in text[: LONGEST_ROW + 1].split(",") if text else []:
-        match = re.fullmatch(rf"({GUIDE}|\d{{1,3}})(?:\*(\d{{1,4}}))?", run)
+        match = re.fullmatch(rf"({GUIDE}|\d{{1,4}})(?:\*(\d{{1,4}}))?", run)
         times = int(match[2] or 1) if match else 0
         if match is None or len(text) > LONGEST_ROW or len(row) + times > MOST_STEPS:
             raise ValueError(f"the messages {text[:40]!r} of the link are none: expected such as '{GUIDE}*3,0,8*2'")

@@ -1,5 +1,6 @@
 """What an observation space says about its image and its missions, and whether agents can live there."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -104,16 +105,18 @@ def check_spaces(observation_space: spaces.Space, action_space: spaces.Space) ->
         raise ValueError(f"the actions are {action_space}: expected a Discrete space of at most {ACTIONS} that starts at 0")
 
 
-def check_values(what: str, values: th.Tensor, count: int) -> None:
+def check_values(what: str, values: th.Tensor, counts: Sequence[int]) -> None:
     """
     :param what: is observed, in the plural
-    :param values: of it
-    :param count: how many there may be: the whole numbers from 0 on
+    :param values: (N, C) of it
+    :param counts: (C,) how many there may be: the whole numbers from 0 on
     :raises ValueError: if there are others
     """
-    low, high = (bound.item() for bound in values.aminmax())  # as numbers: 256 is 0 to a tensor of bytes
-    if low < 0 or high >= count or (values.is_floating_point() and values.frac().any()):
-        raise ValueError(
-            f"{what} have values from {low:.3g} to {high:.3g}: expected whole numbers from 0 to {count - 1}, as the "
-            "observation space says; VecNormalize needs norm_obs=False before an agent"
-        )
+    bounds = (bound.tolist() for bound in values.aminmax(dim=0))  # as numbers: 256 is 0 to a tensor of bytes
+    broken = values.is_floating_point() and values.frac().any()
+    for low, high, count in zip(*bounds, counts, strict=True):
+        if low < 0 or high >= count or broken:
+            raise ValueError(
+                f"{what} have values from {low:.3g} to {high:.3g}: expected whole numbers from 0 to {count - 1}, as the "
+                "observation space says; VecNormalize needs norm_obs=False before an agent"
+            )

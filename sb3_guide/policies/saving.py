@@ -43,6 +43,8 @@ def load_weights(policy: AgentPolicy, weights: dict[str, th.Tensor]) -> None:
     :param weights: as :func:`weights_of` returns them
     :raises RuntimeError: if names or shapes are not the policy's
     """
+    if unknown := weights.keys() - weights_of(policy).keys():
+        raise RuntimeError(f"there is no place for {', '.join(sorted(unknown))}")
     for name, module in policy.named_children():
         if f"{name}." not in ALIASES:
             module.load_state_dict({k.removeprefix(f"{name}."): w for k, w in weights.items() if k.startswith(f"{name}.")})
@@ -52,13 +54,17 @@ def save_agent(policy: AgentPolicy, folder: str | Path, level: str | None = None
     """
     Write an agent's folder: network.safetensors and agent.json.
 
-    :param policy: one of this package's
+    :param policy: of one of POLICIES' classes
     :param folder: made if need be; an agent that is there is replaced
     :param level: where the agent was trained, for the record
-    :raises ValueError: if the agent is not of this package, or :func:`load_agent` could not build it
+    :raises ValueError: if :func:`load_agent` could not build it
     """
-    if not isinstance(policy, AgentPolicy):
-        raise ValueError(f"{type(policy).__name__} is no agent: expected one of {', '.join(POLICIES)}, such as model.policy")
+    name = type(policy).__name__
+    if POLICIES.get(name) is not type(policy):
+        raise ValueError(
+            f"{name} could not be loaded again: expected one of {', '.join(POLICIES)}, such as model.policy; your own can "
+            "be, with an entry in sb3_guide.policies.saving.POLICIES"
+        )
     activation = getattr(policy.activation_fn, "__name__", repr(policy.activation_fn))
     if getattr(nn.modules.activation, activation, None) is not policy.activation_fn:
         raise ValueError(f"activation_fn={activation} can't be loaded again: expected one of torch.nn's activation functions")
@@ -69,7 +75,7 @@ def save_agent(policy: AgentPolicy, folder: str | Path, level: str | None = None
     }
     assert isinstance(policy.observation_space, spaces.Dict)
     description = Description(
-        type(policy).__name__,
+        name,
         kwargs,
         history_of(policy.observation_space),
         level,

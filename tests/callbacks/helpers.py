@@ -19,9 +19,9 @@ class Recorder(KVWriter):
         pass
 
 
-def learn_and_log(model: OnPolicyAlgorithm, total_timesteps: int, callback: Any) -> list[dict[str, Any]]:
+def learn_and_log(model: OnPolicyAlgorithm, total_timesteps: int, callback: Any, **kwargs: Any) -> list[dict[str, Any]]:
     """The rows that a training logs, one a rollout."""
     recorder = Recorder()
     model.set_logger(Logger(None, [recorder]))
-    model.learn(total_timesteps, callback=callback, log_interval=1)
+    model.learn(total_timesteps, callback=callback, log_interval=1, **kwargs)
     return recorder.rows

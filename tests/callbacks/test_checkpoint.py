@@ -10,28 +10,33 @@ from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 from sb3_guide.callbacks import StopTrainingOnSuccessRate, SuccessRateCallback, TrainingCheckpoint, restore_training
 from sb3_guide.callbacks.checkpoint import load_state, save_state
 from sb3_guide.envs import GuideGridVecEnv
+from sb3_guide.policies import PretrainedGuide
 
 STEPS, WORLDS = 16, 4
 ROLLOUT = STEPS * WORLDS
 
 
-def build(algorithm):
+def build(algorithm, policy="LearnerPolicy", **policy_kwargs):
     kwargs = {} if algorithm is A2C else {"batch_size": 32, "n_epochs": 2}
     schedule = lambda progress: 1e-3 * progress  # noqa: E731
     venv = VecMonitor(GuideGridVecEnv("GuideGrid-GoToObj-v0", WORLDS))
-    return algorithm("LearnerPolicy", venv, n_steps=STEPS, learning_rate=schedule, seed=3, **kwargs)
+    return algorithm(policy, venv, n_steps=STEPS, learning_rate=schedule, seed=3, policy_kwargs=policy_kwargs, **kwargs)
 
 
-@pytest.mark.parametrize("algorithm", [PPO, A2C, RecurrentPPO])
-def test_resumed_equals_uninterrupted(algorithm, tmp_path):
+HEARD_AT_RANDOM = {"policy": "GuidedLearnerPolicy", "hears": "uniform"}
+
+
+@pytest.mark.parametrize(("algorithm", "agent"), [(PPO, {}), (A2C, {}), (RecurrentPPO, {}), (RecurrentPPO, HEARD_AT_RANDOM)])
+def test_resumed_equals_uninterrupted(algorithm, agent, tmp_path):
+    agent = agent and {**agent, "guide": PretrainedGuide.untrained()}
     watchers = [SuccessRateCallback(), StopTrainingOnSuccessRate(1.0, n_episodes=1000)]
     checkpoint = TrainingCheckpoint(tmp_path / "training.pt", watchers, lambda: {"seconds": 1.5}, every_n_rollouts=5)
-    whole = build(algorithm).learn(8 * ROLLOUT, callback=[*watchers, checkpoint])
+    whole = build(algorithm, **agent).learn(8 * ROLLOUT, callback=[*watchers, checkpoint])
 
     np.random.seed(99)  # noqa: NPY002  # whatever the streams were, they are restored
     th.manual_seed(99)
     state = load_state(tmp_path / "training.pt")
-    resumed = build(algorithm)
+    resumed = build(algorithm, **agent)
     restored = [SuccessRateCallback(), StopTrainingOnSuccessRate(1.0, n_episodes=1000)]
     restore_training(resumed, state, restored)
     assert resumed.num_timesteps == 5 * ROLLOUT

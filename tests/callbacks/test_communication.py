@@ -47,6 +47,8 @@ def test_every_so_many_rollouts():
     model = PPO("GuidePolicy", GuideGridVecEnv(LEVEL, 4), batch_size=32, **SHORT)
     rows = learn_and_log(model, 5 * 64, [CICCallback(every_n_rollouts=2)])
     assert ["guide/cic" in row for row in rows] == [False, True, False, True, False]
+    rows = learn_and_log(model, 2 * 64, [CICCallback(every_n_rollouts=2)], reset_num_timesteps=False)
+    assert ["guide/cic" in row for row in rows] == [True, False]  # the sixth and the seventh, as if it had not been stopped
 
 
 def test_carried_memory_is_what_the_policy_had_at_the_frame():

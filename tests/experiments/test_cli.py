@@ -7,11 +7,10 @@ import pytest
 from typer.testing import CliRunner
 
 from sb3_guide.experiments import reproduce
-from sb3_guide.experiments.cli import Hears, Page, app, main
+from sb3_guide.experiments.cli import Page, app, main
 from sb3_guide.experiments.stages.configs import load_config
 from sb3_guide.experiments.workflow import conditions
 from sb3_guide.experts import expert_folder
-from sb3_guide.policies.interventions import INTERVENTIONS
 
 COMMANDS = ("expert", "record", "clone", "evaluate", "analyze", "ablate", "speak", "reproduce")
 
@@ -95,10 +94,6 @@ def test_configs_that_cannot_be_read(tmp_path):
     (tmp_path / "some.yml").write_text(f"{KEY}: {{policy: LearnerPolicy, n_envs: 4, n_timesteps: !!float 1e6, gamma: 1e-1}}")
     config = load_config("ppo", "GoToObj", tmp_path / "some.yml")
     assert (repr(config["n_timesteps"]), config["gamma"]) == ("1000000", 0.1)  # as rl-zoo itself takes them
-
-
-def test_every_intervention_with_a_name_can_be_heard() -> None:
-    assert [hears.value for hears in Hears] == list(INTERVENTIONS)
 
 
 def test_every_page_of_a_study_can_be_asked_for() -> None:

@@ -18,7 +18,7 @@ def frames(number: int, cells: int = 8) -> list[np.ndarray]:
 
 
 def test_a_gif_shows_every_frame_and_the_last_one_longer(tmp_path: Path) -> None:
-    write_animation(tmp_path / "episode.gif", frames(5), [CAPTION] * 5, milliseconds=200)
+    write_animation(tmp_path / "episode.gif", frames(5), [CAPTION] * 5)
     durations = []
     with Image.open(tmp_path / "episode.gif") as picture:
         assert picture.format == "GIF"
@@ -26,7 +26,7 @@ def test_a_gif_shows_every_frame_and_the_last_one_longer(tmp_path: Path) -> None
         for index in range(picture.n_frames):
             picture.seek(index)
             durations.append(picture.info["duration"])
-    assert durations == [200] * 4 + [800]
+    assert durations == [500] * 4 + [2000]
     assert list(tmp_path.iterdir()) == [tmp_path / "episode.gif"]
 
 

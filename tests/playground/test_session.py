@@ -172,7 +172,7 @@ def test_a_link_restores_what_is_seen(cast, operations, heard, mission):
         assert (seat.heard, seat.plan, seat.kept) == (other.heard, other.plan, other.kept)
 
 
-@given(st.lists(st.none() | st.integers(0, 255), max_size=50))
+@given(st.lists(st.none() | st.integers(0, 1023), max_size=50))
 def test_messages_in_links(row):
     assert messages(written(row)) == row
 

@@ -143,6 +143,15 @@ def test_channels_are_last_where_sb3_does_not_turn_pictures(shape):
     assert picture_of(space)[:3] == shape
 
 
+def test_a_cell_that_can_not_be_is_refused_whichever_channel_it_is_in():
+    policy = make(LearnerPolicy, "cells")
+    obs = sampled(policy.observation_space, 1)
+    channel, high = min(enumerate(policy.observation_space["image"].high[0, 0].tolist()), key=lambda pair: pair[1])
+    obs["image"][0, 0, 0, channel] = high + 1
+    with pytest.raises(ValueError, match=f"cells of images have values .*: expected whole numbers from 0 to {high}"):
+        policy.memory(obs)
+
+
 def test_a_mission_that_changes_within_an_episode():
     policy = make(RecurrentLearnerPolicy, "cells", words=5)
     obs = {"image": th.ones(4, 3, 5, 2, dtype=th.uint8), "mission": th.tensor([[1, 1], [1, 1], [2, 1], [2, 2]])}

@@ -26,6 +26,7 @@ from sb3_guide.policies import (
     save_agent,
 )
 from sb3_guide.policies.agents import LearnerAgent
+from sb3_guide.policies.saving import POLICIES
 from tests.policies.helpers import make_policy
 
 LEVEL = "GuideGrid-GoToObj-v0"
@@ -121,12 +122,26 @@ def test_sb3s_zip_may_be_loaded_with_the_settings_it_was_saved_with(tmp_path, gu
 
 
 def test_what_can_not_be_loaded_again_is_not_saved(tmp_path):
-    with pytest.raises(ValueError, match=r"PPO is no agent: expected one of LearnerPolicy, .* such as model\.policy"):
+    with pytest.raises(
+        ValueError, match=r"PPO could not be loaded again: expected one of LearnerPolicy, .* such as model\.policy"
+    ):
         save_agent(PPO("LearnerPolicy", LEVEL), tmp_path / "agent")
     policy = make_policy(LearnerPolicy, activation_fn=functools.partial(th.nn.LeakyReLU, 0.2))
     with pytest.raises(ValueError, match=r"activation_fn=.*LeakyReLU.* can't be loaded again"):
         save_agent(policy, tmp_path / "agent")
     assert not (tmp_path / "agent").exists()
+
+
+def test_a_policy_of_ones_own_is_saved_where_it_can_be_loaded(tmp_path, monkeypatch):
+    class Mine(GuidePolicy):
+        pass
+
+    policy = make_policy(Mine)
+    with pytest.raises(ValueError, match=r"Mine could not be loaded again: .* sb3_guide\.policies\.saving\.POLICIES"):
+        save_agent(policy, tmp_path / "agent")
+    monkeypatch.setitem(POLICIES, "Mine", Mine)
+    save_agent(policy, tmp_path / "agent")
+    assert isinstance(load_agent(tmp_path / "agent"), Mine)
 
 
 def test_a_guided_learner_without_a_guide():
@@ -223,12 +238,12 @@ def test_a_folder_of_an_earlier_version_is_read_with_a_warning_and_saved_anew(gu
         ({"message_length": 10**9}, "expected a length of 1 to 100 and 2 to 10000 symbols"),
         ({"vocabulary_size": 10**9}, "expected a length of 1 to 100 and 2 to 10000 symbols"),
         ({"vocabulary_size": 4.0}, "expected a length of 1 to 100 and 2 to 10000 symbols"),
-        ({"net_arch": [10**9]}, "expected at most 8 layers of 1 to 2048 units"),
-        ({"net_arch": [64] * 1000}, "expected at most 8 layers of 1 to 2048 units"),
+        ({"net_arch": [10**9]}, "expected ints, at most 8 layers of 1 to 2048 units"),
+        ({"net_arch": [64] * 1000}, "expected ints, at most 8 layers of 1 to 2048 units"),
         ({"activation_fn": "Transformer"}, "activation_fn='Transformer' is no activation function"),
         ({"features_extractor_kwargs": {}}, "GuidePolicy takes no features_extractor_kwargs"),
         ({"guide": "somewhere/else"}, "guide='somewhere/else' is no description"),
-        ({"size": "paper"}, "Missing key"),
+        ({"size": "paper"}, "there is no place for"),
     ],
 )
 def test_what_a_description_may_ask_for(guide, changes, message):

@@ -15,11 +15,11 @@ from sb3_guide.experiments.report.contrasts import area, episodes_to
 from sb3_guide.experiments.report.curves import COLOURS, STYLE
 from sb3_guide.experiments.report.guidance import interval, table
 from sb3_guide.experiments.report.study import Study, read_study
-from sb3_guide.experiments.workflow.conditions import Condition, load_catalogue
-from sb3_guide.files import atomically, write_text
+from sb3_guide.files import write_text
+from sb3_guide.language.pictures import save_figure
 
 SPEECH = ("messages_used", "usage_entropy", "words", "actions_meant", "obeyed", "beyond_chance")
-COLUMNS = {"agent", "guide", "channel", "message_length", "vocabulary_size", *SPEECH}
+COLUMNS = {"agent", "guide", "control", "channel", "message_length", "vocabulary_size", *SPEECH}
 RATE = 0.9  # of success, by which speed is told
 FEWEST = 4  # channels that have a rank correlation
 WIDTH, HEIGHT = 4.6, 1.7  # of a panel, in inches
@@ -75,13 +75,10 @@ class Channel:
 def channels(study: Study, level: str) -> list[Channel]:
     """
     :return: of a level, those of symbols first, from short messages of few to long ones of many; Learners that are guided in
-        another way than theirs, such as conditions of other studies in a shared folder, have none
+        another way, or by fewer demonstrations, such as those of other studies in a shared folder, have none
     """
-    known = load_catalogue().conditions
-    heard = {name: each for name, each in known.items() if each.agent == "guided" and each.references()}
-    plain = [name for name, each in heard.items() if each == Condition("guided", each.guide) and each.guide in known]
-    counted = study.finals["condition"].isin(plain) | ~study.finals["condition"].isin(known)
-    of_level = study.finals[(study.finals["level"] == level) & (study.finals["agent"] == "guided") & counted]
+    of_level = study.finals[(study.finals["level"] == level) & (study.finals["agent"] == "guided")]
+    of_level = of_level[of_level["control"].isna() & (of_level["train_episodes"] == of_level["train_episodes"].max())]
     found = [
         Channel(study, level, row.guide, row.condition, int(row.message_length), int(row.vocabulary_size), continuous)
         for row in of_level.drop_duplicates("condition").itertuples()
@@ -273,8 +270,7 @@ def draw(study: Study, levels: Sequence[str], path: Path) -> None:
         for axes, title in zip(panels[:, 0], MEASURES, strict=True):
             axes.set_ylabel(title.replace(" of the ", "\nof the ").replace("'s ", "'s\n"))
             axes.set_ylim(bottom=min(0, axes.get_ylim()[0]))
-        with atomically(path) as partial:
-            figure.savefig(partial, format="png", dpi=130, metadata={"Software": None})
+        save_figure(figure, path)
 
 
 def draw_panel(axes: Axes, shown: Sequence[Channel], measure: Callable[[Channel], np.ndarray]) -> None:

@@ -97,9 +97,11 @@ def paired(level: str, a: str, b: str, horizon: int | None, values_a: np.ndarray
     """
     seeds, means = len(values_a), (float(values_a.mean()), float(values_b.mean()))
     difference = values_a - values_b
-    if seeds < FEWEST or np.ptp(difference) == 0:
-        bound = means[0] - means[1] if seeds >= FEWEST else np.nan
-        return Contrast(level, a, b, horizon, seeds, *means, bound, bound, bound, bound, np.nan, np.nan)
+    if seeds < FEWEST:
+        return Contrast(level, a, b, horizon, seeds, *means, *(np.nan,) * 6)
+    if np.ptp(difference) == 0:  # where a t-test divides by the spread
+        always, p_values = means[0] - means[1], (0.0, 2.0 ** (1 - seeds)) if difference.any() else (np.nan, np.nan)
+        return Contrast(level, a, b, horizon, seeds, *means, always, always, always, always, *p_values)
     test = ttest_rel(values_a, values_b)
     wide, narrow = test.confidence_interval(0.95), test.confidence_interval(0.9)
     exact = permutation_test((values_a, values_b), lambda x, y: np.mean(x - y), permutation_type="samples", random_state=0)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, PercentFormatter
 
 from sb3_guide.experiments.report.study import Study
-from sb3_guide.files import atomically
+from sb3_guide.language.pictures import save_figure
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8c6d31", "#999999")  # Okabe and Ito
 STYLE: dict[Any, Any] = {
@@ -80,8 +80,7 @@ def finish(figure: Figure, names: Sequence[str], columns: int, path: Path) -> No
     figure.legend(
         [lines[name] for name in shown], shown, loc="outside lower center", ncols=min(len(shown), columns), frameon=False
     )
-    with atomically(path) as partial:
-        figure.savefig(partial, format="png", dpi=130, metadata={"Software": None})
+    save_figure(figure, path)
 
 
 def draw_level(axes: Axes, study: Study, level: str, conditions: Sequence[str], epochs: int | None) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from sb3_guide.experiments.stages.clone import UNTRAINED
 from sb3_guide.experiments.stages.runs import intact, read_table, write_table
 from sb3_guide.files import read_json
 from sb3_guide.policies.folder import AGENT
@@ -34,8 +35,8 @@ def write_tables(runs: Path, out: Path) -> None:
 
 
 def finished(runs: Path) -> Iterator[tuple[str, str, int]]:
-    """:return: level, condition and seed of every run that has ended"""
-    for path in runs.glob("*/seed*/*/evaluation.json"):
+    """:return: level, condition and seed of every run that has ended, whose run.json is written last"""
+    for path in runs.glob("*/seed*/*/run.json"):
         level, seed, condition = path.parent.relative_to(runs).parts
         yield level, condition, int(seed.removeprefix("seed"))
 
@@ -64,8 +65,24 @@ def final(runs: Path, level: str, condition: str, seed: int) -> dict[str, Any]:
         "mean_length": round(evaluation["mean_length"], 3),
         "seconds": run["seconds"],
         **channel(folder, run.get("guide")),
+        "control": control(run, level),
         **speech(folder.parent / "speech" / condition / "speech.json"),
     }
+
+
+def control(run: dict[str, Any], level: str) -> str:
+    """
+    :param run: of a guided Learner, or of another agent, which is no control
+    :param level: of the run
+    :return: what is other than to hear the level's own Guide, which is trained along, as it speaks; nothing where it is that
+    """
+    if run["agent"] != "guided":
+        return ""
+    found = [f"Guide of {other}" for other in Path(run["guide"]).parts[-3:-2] if other != level]
+    found += ["untrained"] if run["guide"] == UNTRAINED else []
+    found += ["frozen"] if run["freeze_guide"] else []
+    found += [run["hears"]] if run["hears"] != "spoken" else []
+    return ", ".join(found)
 
 
 def channel(folder: Path, guide: str | None) -> dict[str, Any]:

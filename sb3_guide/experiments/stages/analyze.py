@@ -22,7 +22,7 @@ OPTIONAL = ("situations.png", "cells.png", "change.png", "episode.gif")  # so th
 
 
 def analyze(
-    agent: Path, level: str | None, demos: Path | None, guide: Path | None, out: Path, threads: int, n_episodes: int = 500
+    agent: Path, level: str | None, demos: Path | None, guide: Path | None, out: Path, threads: int, n_episodes: int
 ) -> None:
     """
     :param agent: folder of an agent with a channel

@@ -3,6 +3,7 @@
 import reprlib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from math import isfinite
 from pathlib import Path
 from textwrap import shorten
 from typing import Any
@@ -108,11 +109,12 @@ def checked(config: dict[str, Any]) -> dict[str, Any]:
     whole = {name: int(value) for name, value in config.items() if isinstance(value, float) and value.is_integer()}
     config = {**config, **{name: value for name, value in whole.items() if name in MOST}}
     for name, most in MOST.items():
-        if name in config and not (isinstance(config[name], int) and 1 <= config[name] <= most):
+        if name in config and not (type(config[name]) is int and 1 <= config[name] <= most):
             raise ValueError(f"{name}={reprlib.repr(config[name])}: expected a whole number from 1 to {most}")
     for name, kind in NUMBERS.items():
-        if name in config and not fits(config[name], kind):
-            raise ValueError(f"{name}={reprlib.repr(config[name])}: expected a number")
+        value = config.get(name, 0)
+        if not fits(value, kind) or isinstance(value, bool) or (isinstance(value, float) and not isfinite(value)):
+            raise ValueError(f"{name}={reprlib.repr(value)}: expected a number")
     points = config.get("validate_at", [])
     if not fits(points, list[int | float]) or not all(0 <= point <= MOST["n_epochs"] for point in points):
         raise ValueError(f"validate_at={reprlib.repr(points)}: expected a list of epochs")

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
-from sb3_guide.envs import name_of
+from sb3_guide.envs import is_level, level_of, name_of
 from sb3_guide.policies.folder import read_agent
 
 
@@ -47,7 +47,8 @@ def level_of_agent(agent: Path, level: str | None) -> str:
     :return: name of the level, or id of another environment
     :raises ValueError: if the agent was not trained on it, or on several and it is not said which
     """
-    trained = (read_agent(agent)[0].level or "").split("+")
+    parts = (read_agent(agent)[0].level or "").split("+")
+    trained = [level_of(part).name if is_level(part) else part for part in parts]
     if level is None and len(trained) == 1 and trained[0]:
         return name_of(trained[0])
     expected = " or ".join(f"--level {name}" for name in trained if name)

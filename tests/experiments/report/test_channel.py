@@ -25,7 +25,9 @@ def write_study(folder: Path, seeds: int) -> None:
         measures = dict.fromkeys(("cic", "message_entropy", "uniform_cic"), 0.0)
         points = zip(EPISODES, success, strict=True)
         curves.extend(key | measures | {"episodes": n, "success_rate": rate} for n, rate in points)
-        finals.append(key | {"train_episodes": 2000, "n_epochs": 2, "success_rate": success[-1] - 0.01 * seed, **more})
+        finals.append(
+            key | {"train_episodes": 2000, "n_epochs": 2, "success_rate": success[-1] - 0.01 * seed, "control": None, **more}
+        )
 
     for seed in range(seeds):
         add("learner", [0, 0, 0.5, 0.5], seed, agent="learner")
@@ -99,11 +101,9 @@ def test_tables_that_are_none(tmp_path: Path) -> None:
 def test_learners_that_are_guided_in_another_way_are_no_channels(tmp_path: Path) -> None:
     """Those of other studies that share a folder."""
     write_study(tmp_path, seeds=2)
-    finals, curves = pd.read_csv(tmp_path / "finals.csv"), pd.read_csv(tmp_path / "curves.csv")
-    for name in ("frozen", "silent", "untrained", "guided-by-GoToLocal", "guided-100"):
-        finals = pd.concat([finals, finals[finals["condition"] == "guided-2x3"].assign(condition=name)])
-        curves = pd.concat([curves, curves[curves["condition"] == "guided-2x3"].assign(condition=name)])
-    finals.to_csv(tmp_path / "finals.csv", index=False)
-    curves.to_csv(tmp_path / "curves.csv", index=False)
+    finals = pd.read_csv(tmp_path / "finals.csv")
+    plain = finals[finals["condition"] == "guided-2x3"]
+    others = [{"condition": "late", "control": "delayed"}, {"condition": "guided-100", "train_episodes": 100}]
+    pd.concat([finals, *(plain.assign(**other) for other in others)]).to_csv(tmp_path / "finals.csv", index=False)
     names = {each.guided for each in channels(read_study(tmp_path), "GoToLocal")}
     assert names == {*(f"guided-{name}" for name in SHAPES), "guided-continuous"}

@@ -66,6 +66,9 @@ def test_equal_differences_have_no_spread():
     found = contrast([0.5, 0.6], [0.5, 0.6])
     assert verdict("as-good", found, found.p_value) == "holds"
     assert verdict("faster", found, found.p_value) == "not shown"
+    always = contrast([0.5, 0.75], [0.25, 0.5])
+    assert (always.p_value, always.p_exact) == (0, 0.5)  # two of four flips of signs are as extreme
+    assert verdict("faster", always, always.p_value) == "holds"
 
 
 def test_holms_correction():

@@ -1,6 +1,7 @@
 """From runs to tables, and from tables to pages."""
 
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from PIL import Image
 
 from sb3_guide.experiments.report.guidance import load_claims, write_pages
-from sb3_guide.experiments.report.tables import write_tables
+from sb3_guide.experiments.report.tables import control, write_tables
 from sb3_guide.experiments.workflow.conditions import load_catalogue
 
 EPISODES = np.array([0, 500, 1000, 2000, 4000])
@@ -125,6 +126,28 @@ def test_runs_are_merged_and_those_of_other_machines_stay(finished_run: Path, tm
     merged = pd.read_csv(tmp_path / "finals.csv")
     assert len(merged) == 24
     assert merged[merged["seed"] < 2]["successes"].gt(0).all()
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({}, ""),
+        ({"guide": "untrained"}, "untrained"),
+        ({"guide": "GoToObj/seed3/guide", "freeze_guide": True}, "Guide of GoToObj, frozen"),
+        ({"hears": "silent"}, "silent"),
+        ({"agent": "guide", "guide": None}, ""),
+    ],
+)
+def test_what_makes_a_control(changes: dict[str, object], expected: str) -> None:
+    plain = {"agent": "guided", "guide": "GoToLocal/seed3/guide", "freeze_guide": False, "hears": "spoken"}
+    assert control({**plain, **changes}, "GoToLocal") == expected
+
+
+def test_a_run_that_has_not_ended_is_no_finished_one(finished_run: Path, tmp_path: Path) -> None:
+    shutil.copytree(finished_run, tmp_path / "runs")
+    (tmp_path / "runs" / "GoToObj" / "seed0" / "learner" / "run.json").unlink()
+    write_tables(tmp_path / "runs", tmp_path / "out")
+    assert len(pd.read_csv(tmp_path / "out" / "finals.csv")) == 2 * 2 * 3 - 1
 
 
 def test_a_folder_without_runs(tmp_path: Path) -> None:

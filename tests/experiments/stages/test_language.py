@@ -159,10 +159,11 @@ def test_bad_input_ends_with_one_line(arguments, message, files, tmp_path, monke
 
 def test_an_agent_plays_a_level_that_it_was_trained_on(tmp_path):
     description, weights = read_agent(speaker_folder("GoToObj", "guide"))
-    trained = {"one": "GoToObj", "several": "GoToLocal+PickupLoc", "unknown": None}
+    trained = {"one": "GoToObj", "id": "GuideGrid-GoToObj-v0", "several": "GoToLocal+PickupLoc", "unknown": None}
     for name, level in trained.items():
         write_agent(tmp_path / name, replace(description, level=level), weights)
     assert level_of_agent(tmp_path / "one", None) == "GoToObj"
+    assert level_of_agent(tmp_path / "id", None) == level_of_agent(tmp_path / "id", "GoToObj") == "GoToObj"
     assert level_of_agent(tmp_path / "several", "GuideGrid-PickupLoc-v0") == "PickupLoc"
     assert level_of_agent(tmp_path / "unknown", "GoTo") == "GoTo"
     with pytest.raises(ValueError, match="expected --level GoToLocal or --level PickupLoc"):

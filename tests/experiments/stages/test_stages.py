@@ -225,7 +225,7 @@ def test_stage_two_and_three(demos, tmp_path):
     assert found["low"] <= found["success_rate"] == found["successes"] / 6 <= found["high"]
 
     of_analysis = demos / "analysis.safetensors"
-    analyze(tmp_path / "guided", None, of_analysis, tmp_path / "guide", tmp_path / "analysis", threads=1)
+    analyze(tmp_path / "guided", None, of_analysis, tmp_path / "guide", tmp_path / "analysis", threads=1, n_episodes=20)
     found = json.loads((tmp_path / "analysis" / "analysis.json").read_text())
     assert len(found["messages"]) == len(found["counts"]) == 9
     assert sum(map(sum, found["counts"])) == found["frames"]
@@ -443,7 +443,7 @@ def test_a_guide_by_reinforcement_learning_is_analysed(demos, tmp_path):
     config = write_config(tmp_path / "ppo.yml", PPO | {"policy": "GuidePolicy", "n_timesteps": 128, "callback": callbacks})
     train_expert("GoToObj", tmp_path / "guide", seed=0, threads=1, resume=False, config_file=config, algo="ppo")
     assert "guide/uniform_cic" in read_table(tmp_path / "guide" / "progress.csv")[-1]
-    analyze(tmp_path / "guide", None, demos / "analysis.safetensors", None, tmp_path / "analysis", threads=1)
+    analyze(tmp_path / "guide", None, demos / "analysis.safetensors", None, tmp_path / "analysis", threads=1, n_episodes=20)
     found = json.loads((tmp_path / "analysis" / "analysis.json").read_text())
     assert sum(map(sum, found["counts"])) == found["frames"]
 
