@@ -93,13 +93,14 @@ def save_demonstrations(demonstrations: Demonstrations, path: str | Path) -> Non
     write_arrays(path, arrays, {**header, "sha256": checksum(arrays, header)})
 
 
-def load_demonstrations(path: str | Path) -> Demonstrations:
+def load_demonstrations(path: str | Path, level: str | None = None) -> Demonstrations:
     """
     A file of an earlier version, whose checksum leaves out level and provenance, is read with a warning.
 
     :param path: of a file written by :func:`save_demonstrations`
+    :param level: name of the level that they are to be of; None takes those of any
     :raises FileNotFoundError: if there is no file
-    :raises ValueError: if it is truncated, changed or no demonstrations
+    :raises ValueError: if it is truncated, changed or no demonstrations, or of another level
     """
     path = Path(path)
     if not path.is_file():
@@ -120,6 +121,8 @@ def load_demonstrations(path: str | Path) -> Demonstrations:
             "from, and save it anew with save_demonstrations(load_demonstrations(path), path)",
             stacklevel=2,
         )
+    if level is not None and demonstrations.level != level:
+        raise ValueError(f"{path} holds demonstrations of {demonstrations.level}: expected {level}")
     return demonstrations
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from sb3_guide.cloning import Demonstrations, load_demonstrations, mission_seeds
+from sb3_guide.cloning import load_demonstrations, mission_seeds
 from sb3_guide.envs import is_level, level_of
 from sb3_guide.experiments.stages.levels import level_of_agent
 from sb3_guide.experiments.stages.runs import check_result, record, use_threads
@@ -41,7 +41,7 @@ def analyze(
     use_threads(threads)
     started = time.monotonic()
     policy, seeds = load_agent(agent), mission_seeds("analysis", n_episodes)
-    demonstrations = None if demos is None else demonstrations_of(demos, level)
+    demonstrations = None if demos is None else load_demonstrations(demos, level)
     before = None if guide is None else read(load_agent(guide), level_of_agent(guide, level), seeds)
     reading = read(policy, level, seeds)
     found: dict[str, Any] = {
@@ -74,18 +74,6 @@ def analyze(
         "threads": threads,
     }
     write_json(result, {**record("analyze", settings, time.monotonic() - started), **found})
-
-
-def demonstrations_of(path: Path, level: str) -> Demonstrations:
-    """
-    :param path: of their file
-    :param level: name of the level
-    :raises ValueError: if they are damaged, or of another level
-    """
-    found = load_demonstrations(path)
-    if found.level != level:
-        raise ValueError(f"{path} holds demonstrations of {found.level}: expected {level}, as the agent plays it")
-    return found
 
 
 def step_by_step(reading: Reading, episode: int) -> dict[str, Any]:

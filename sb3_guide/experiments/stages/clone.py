@@ -203,13 +203,7 @@ def demonstrations_of(levels: Sequence[str], folders: Sequence[Path], split: str
     """
     if len(folders) != len(levels):
         raise ValueError(f"{len(folders)} folders of demonstrations for {len(levels)} levels: expected one for each, in order")
-    parts = []
-    for level, folder in zip(levels, folders, strict=True):
-        path = folder / f"{split}.safetensors"
-        parts.append(load_demonstrations(path))
-        if parts[-1].level != level:
-            raise ValueError(f"{path} holds demonstrations of {parts[-1].level}: expected {level}, as --level says")
-    return parts
+    return [load_demonstrations(folder / f"{split}.safetensors", level) for level, folder in zip(levels, folders, strict=True)]
 
 
 class Cloning:

@@ -27,7 +27,7 @@ from sb3_guide.callbacks.success import EpisodeSuccesses
 from sb3_guide.envs import GuideGridVecEnv, is_level, level_of
 from sb3_guide.experiments.stages.configs import MOST_VALUES, algorithm_arguments, in_use, load_config
 from sb3_guide.experiments.stages.levels import environment
-from sb3_guide.experiments.stages.runs import TableWriter, plain_values, stage, use_threads
+from sb3_guide.experiments.stages.runs import Run, TableWriter, plain_values, stage, use_threads
 from sb3_guide.policies import AgentPolicy, load_agent, save_agent
 from sb3_guide.policies.agents import GuideAgent, GuidedLearnerAgent, LearnerAgent
 from sb3_guide.policies.folder import NETWORK
@@ -73,36 +73,50 @@ def train_expert(
         if run.finished:
             return
         use_threads(threads)
-        checkpoint, rows, logged = out / "checkpoint" / "training.pt", [], {}
         with in_use(config):
             model, callbacks = build(ALGORITHMS[algo], level, seed, config), [SuccessRateCallback(), *build_callbacks(config)]
-        watchers = [callback for callback in callbacks if isinstance(callback, EpisodeSuccesses)]
         if not isinstance(model.policy, AgentPolicy):
             raise ValueError(f"policy={config['policy']!r}: expected LearnerPolicy, GuidePolicy or GuidedLearnerPolicy")
         if init is not None:
             kind = next(kind for kind in (LearnerAgent, GuideAgent, GuidedLearnerAgent) if isinstance(model.policy, kind))
             load_weights(model.policy, weights_of(load_agent(init, kind)))
         run.begin()
-        if checkpoint.exists():
-            state = load_state(checkpoint)
-            restore_training(model, state, watchers)
-            rows, logged, run.seconds_before = state["rows"], state["logged"], state["seconds"]
-        logger = Logger(str(out), [TableWriter(out / "progress.csv", rows), TensorBoardOutputFormat(str(out / "tensorboard"))])
-        logger.name_to_value.update(logged)  # of the update before the checkpoint, to be written with the next rollout
-        model.set_logger(logger)
-        keep = TrainingCheckpoint(
-            checkpoint,
-            watchers,
-            lambda: {"rows": rows, "logged": plain_values(logger.name_to_value), "seconds": run.seconds},
-        )
-        kept = [keep] if is_level(level) else []  # the state of other worlds can't be stored
-        model.learn(
-            config["n_timesteps"] - model.num_timesteps,
-            callback=[*callbacks, *kept, Progress(level, config["n_timesteps"])],
-            reset_num_timesteps=model.num_timesteps == 0,
-        )
+        learn(model, callbacks, level, config["n_timesteps"], run)
         save_agent(model.policy, out, level)
         run.found = {"frames": model.num_timesteps}
+
+
+def learn(model: OnPolicyAlgorithm, callbacks: list[BaseCallback], level: str, n_timesteps: int, run: Run) -> None:
+    """
+    Train from the beginning or, where there is one, from a checkpoint on, with a row of progress.csv for each rollout.
+
+    :param model: not yet trained
+    :param callbacks: of the training
+    :param level: name of the level, or id of another environment
+    :param n_timesteps: frames in all, those before the checkpoint included
+    :param run: this stage's
+    """
+    checkpoint, rows, logged = run.folder / "checkpoint" / "training.pt", [], {}
+    watchers = [callback for callback in callbacks if isinstance(callback, EpisodeSuccesses)]
+    if checkpoint.exists():
+        state = load_state(checkpoint)
+        restore_training(model, state, watchers)
+        rows, logged, run.seconds_before = state["rows"], state["logged"], state["seconds"]
+    table, board = TableWriter(run.folder / "progress.csv", rows), TensorBoardOutputFormat(str(run.folder / "tensorboard"))
+    logger = Logger(str(run.folder), [table, board])
+    logger.name_to_value.update(logged)  # of the update before the checkpoint, to be written with the next rollout
+    model.set_logger(logger)
+    keep = TrainingCheckpoint(
+        checkpoint,
+        watchers,
+        lambda: {"rows": rows, "logged": plain_values(logger.name_to_value), "seconds": run.seconds},
+    )
+    kept = [keep] if is_level(level) else []  # the state of other worlds can't be stored
+    model.learn(
+        n_timesteps - model.num_timesteps,
+        callback=[*callbacks, *kept, Progress(level, n_timesteps)],
+        reset_num_timesteps=model.num_timesteps == 0,
+    )
 
 
 def build(algorithm: type[OnPolicyAlgorithm], level: str, seed: int, config: dict[str, Any]) -> OnPolicyAlgorithm:
