@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from math import inf, isfinite
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -42,14 +42,18 @@ class Part:
         level_of(self.level)
         if self.success_rate is None and self.n_timesteps is None:
             raise ValueError(f"the part in {self.level} has no end: expected success_rate, n_timesteps or both")
+        for name in ("success_rate", "n_timesteps", "learning_rate", "ent_coef", "gamma", "gae_lambda"):
+            value = getattr(self, name)
+            if value is None or (name == "learning_rate" and isinstance(value, str)):
+                continue
+            if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+                raise ValueError(f"{name}={value!r} of the part in {self.level}: expected a number")
+            if value < 0 or (name in ("gamma", "gae_lambda") and value > 1):
+                raise ValueError(f"{name}={value}: expected a number from 0" + (" to 1" if value > 1 else ""))
         if self.success_rate is not None and not 0 < self.success_rate <= 1:
             raise ValueError(f"success_rate={self.success_rate}: expected a number above 0 and at most 1")
         if self.n_timesteps is not None and self.n_timesteps < 1:
             raise ValueError(f"n_timesteps={self.n_timesteps}: expected at least 1")
-        for name in ("learning_rate", "ent_coef", "gamma", "gae_lambda"):
-            value, most = getattr(self, name), 1 if name in ("gamma", "gae_lambda") else inf
-            if isinstance(value, int | float) and not 0 <= value <= most:
-                raise ValueError(f"{name}={value}: expected a number from 0{'' if most == inf else f' to {most}'}")
         if isinstance(self.learning_rate, str):
             falling(self.learning_rate)
             if self.n_timesteps is None:

@@ -120,6 +120,8 @@ def test_it_works_in_sb3s_own_worlds():
         ([{"level": "GoTo", "n_steps": 5}], "'n_steps' is nothing that a part can have: expected some of level, "),
         ([{"level": "GoTo", "n_timesteps": 9, "learning_rate": "exp_1"}], "schedule 'exp_1' is unknown"),
         ([{"level": "GoTo", "n_timesteps": 9, "gamma": 7.0}], "gamma=7.0: expected a number from 0 to 1"),
+        ([{"level": "GoTo", "n_timesteps": "200"}], "n_timesteps='200' of the part in GoTo: expected a number"),
+        ([{"level": "GoTo", "n_timesteps": 9, "learning_rate": [1]}], r"learning_rate=\[1\] of the part in GoTo: expected a"),
         ([{"level": "GoTo", "n_timesteps": 9, "learning_rate": -3}], "learning_rate=-3: expected a number from 0"),
         ([{"level": "GoTo", "success_rate": 1, "learning_rate": "lin_1"}], "has no end: expected n_timesteps too"),
     ],

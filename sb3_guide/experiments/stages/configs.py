@@ -3,7 +3,7 @@
 import reprlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 from textwrap import shorten
 from typing import Any
@@ -35,6 +35,7 @@ NUMBERS = {
     **dict.fromkeys(("target_kl", "clip_range_vf"), int | float | None),
     **dict.fromkeys(("learning_rate", "clip_range"), int | float | str),  # text being a schedule
 }
+HIGHEST = {"gamma": 1, "gae_lambda": 1}
 MOST_VALUES = 2**27  # in the observations of a rollout: half a gigabyte as SB3 keeps them
 
 OF_THE_ZOO = ("policy", "n_envs", "n_timesteps", "env_kwargs", "callback")  # keys that rl-zoo itself reads
@@ -115,6 +116,8 @@ def checked(config: dict[str, Any]) -> dict[str, Any]:
         value = config.get(name, 0)
         if not fits(value, kind) or isinstance(value, bool) or (isinstance(value, float) and not isfinite(value)):
             raise ValueError(f"{name}={reprlib.repr(value)}: expected a number")
+        if isinstance(value, int | float) and not 0 <= value <= HIGHEST.get(name, inf):
+            raise ValueError(f"{name}={value}: expected a number from 0" + (f" to {HIGHEST[name]}" if name in HIGHEST else ""))
     points = config.get("validate_at", [])
     if not fits(points, list[int | float]) or not all(0 <= point <= MOST["n_epochs"] for point in points):
         raise ValueError(f"validate_at={reprlib.repr(points)}: expected a list of epochs")

@@ -143,12 +143,13 @@ def build(algorithm: type[OnPolicyAlgorithm], level: str, seed: int, config: dic
 
 def build_callbacks(config: dict[str, Any]) -> list[BaseCallback]:
     """
-    :param config: the level's entry in rl-zoo's format, whose "callback" lists classes and their arguments
+    :param config: the level's entry in rl-zoo's format, whose "callback" lists classes and their arguments, or is one of them
     :return: the callbacks
     :raises ValueError: if one is not known here
     """
     callbacks = []
-    for entry in config.get("callback", []):
+    listed = config.get("callback") or []
+    for entry in [listed] if isinstance(listed, str | dict) else listed:
         name, arguments = next(iter(entry.items()), (None, {})) if isinstance(entry, dict) else (entry, {})
         if name not in CALLBACKS:
             raise ValueError(f"callback {name!r} is unknown: expected one of {', '.join(CALLBACKS)}")

@@ -46,6 +46,10 @@ class Condition:
     def __post_init__(self) -> None:
         check_types(self)
         check_agent(self.agent, self.guide, self.freeze_guide, self.hears, self.init)
+        if self.init == UNTRAINED:
+            raise ValueError("init is 'untrained': leave it out to start from nothing")
+        if unfinished := [name for name in self.references() if name.endswith("@")]:
+            raise ValueError(f"{unfinished[0]!r} names no level: expected condition or condition@level")
 
     def references(self) -> list[str]:
         """:return: to the conditions that have to be run before"""
@@ -61,7 +65,7 @@ class Grid:
     :param seeds: how many, from 0
     :param levels: names; None takes those that the caller names
     :raises TypeError: if something is of another type
-    :raises ValueError: if there are too many seeds or none
+    :raises ValueError: if there are too many seeds or none, or no conditions
     """
 
     conditions: list[str]
@@ -71,6 +75,8 @@ class Grid:
     def __post_init__(self) -> None:
         check_types(self)
         check_seeds(self.seeds)
+        if not self.conditions:
+            raise ValueError("a grid of no conditions: expected at least one")
 
     def names(self, chosen: list[str]) -> list[str]:
         """:return: of its levels, or those that the caller names"""
@@ -237,6 +243,7 @@ def load_catalogue(file: Path | None = None) -> Catalogue:
                 studies[name] = Study(**{**entry, "grids": [Grid(**grid) for grid in entry["grids"]]})
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise ValueError(f"{path} holds no usable conditions and studies: {error}") from error
+    check_order(conditions)
     used = [
         *(reference.partition("@")[0] for condition in conditions.values() for reference in condition.references()),
         *(name for study in studies.values() for grid in study.grids for name in grid.conditions),
@@ -245,7 +252,6 @@ def load_catalogue(file: Path | None = None) -> Catalogue:
     for name in used:
         if name not in conditions:
             raise ValueError(f"condition {name!r} is unknown: expected one of {', '.join(conditions)}")
-    check_order(conditions)
     check_references(conditions)
     return Catalogue(conditions, studies)
 
@@ -268,7 +274,7 @@ def check_order(conditions: dict[str, Condition]) -> None:
     :raises ValueError: if a name can't be part of a path, or conditions wait for each other
     """
     for name in conditions:
-        if not NAME.fullmatch(name):
+        if not (isinstance(name, str) and NAME.fullmatch(name)):
             raise ValueError(f"condition {name!r}: expected a name of letters, digits, + and -")
     needed = {name: [each.partition("@")[0] for each in condition.references()] for name, condition in conditions.items()}
     try:

@@ -92,6 +92,10 @@ def test_levels_may_be_written_as_ids(tmp_path: Path) -> None:
         ({"conditions": {"x": {"agent": "guide", "init": "learner"}}}, "a guide starts from nothing"),
         ({"conditions": {"x": {"agent": "guided", "guide": "learner"}}}, "needs 'learner', a learner: expected a guide"),
         ({"conditions": {"x": {"agent": "learner", "init": "guided"}}}, "needs 'guided', a guided: expected a learner or a"),
+        ({"conditions": {"x": {"agent": "learner", "init": "untrained"}}}, "init is 'untrained': leave it out"),
+        ({"conditions": {"x": {"agent": "guided", "guide": "guide@"}}}, "'guide@' names no level"),
+        ({"conditions": {1: {"agent": "learner"}}}, "condition 1: expected a name of letters"),
+        ({"studies": {"x": {"grids": [{"conditions": [], "seeds": 1}]}}}, "a grid of no conditions"),
         ({"studies": {"x": {"grids": [{"conditions": ["guide@GoTo"], "seeds": 1}]}}}, "condition 'guide@GoTo' is unknown"),
         (
             {"conditions": {"x": {"agent": "guided", "hears": "well"}}},
