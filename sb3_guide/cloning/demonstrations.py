@@ -58,7 +58,7 @@ def pool(parts: Sequence[Demonstrations]) -> Demonstrations:
     for name in ("image", "mission"):
         shapes = [(part.level, getattr(part.episodes, f"{name}s").shape[1:]) for part in parts]
         if len({shape for _, shape in shapes}) > 1:
-            raise ValueError(f"demonstrations of different {name}s can't be pooled: their shapes are {shapes}")
+            raise ValueError(f"demonstrations of different {name}s can't be pooled: their shapes are {dict(shapes)}")
     provenance = {part.level: part.provenance for part in parts}
     if len(provenance) < len(parts):
         raise ValueError(f"{len(parts)} demonstrations of {', '.join(provenance)}: expected each level once")

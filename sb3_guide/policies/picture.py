@@ -112,7 +112,7 @@ def check_values(what: str, values: th.Tensor, counts: Sequence[int]) -> None:
     :param counts: (C,) how many there may be: the whole numbers from 0 on
     :raises ValueError: if there are others
     """
-    bounds = (bound.tolist() for bound in values.aminmax(dim=0))  # as numbers: 256 is 0 to a tensor of bytes
+    bounds = (bound.cpu().tolist() for bound in values.aminmax(dim=0))  # as numbers: 256 is 0 to a tensor of bytes
     broken = values.is_floating_point() and values.frac().any()
     for low, high, count in zip(*bounds, counts, strict=True):
         if low < 0 or high >= count or broken:
