@@ -152,6 +152,7 @@ def episode_bc(
         raise ValueError(f"{type(policy).__name__} has no memory: expected a recurrent policy, ours or sb3-contrib's")
     check_space(demonstrations, policy.observation_space)  # type: ignore[arg-type]
     loader = EpisodeLoader(demonstrations.episodes, batch_size, seed)
+    fused = True if policy.device.type == "cpu" else None  # as torch chooses
     algorithm = bc.BC(
         observation_space=policy.observation_space,
         action_space=policy.action_space,
@@ -159,11 +160,7 @@ def episode_bc(
         policy=policy,
         demonstrations=loader,
         batch_size=batch_size,
-        optimizer_kwargs={
-            "lr": learning_rate,
-            "eps": 1e-5,
-            "fused": policy.device.type == "cpu" or None,
-        },  # or as torch chooses
+        optimizer_kwargs={"lr": learning_rate, "eps": 1e-5, "fused": fused},
         device=policy.device,
         custom_logger=logger,
     )

@@ -326,14 +326,14 @@ class FiLMExtractor(BaseFeaturesExtractor):
         images, missions, lengths = sequences
         representatives, kind = distinct(missions)
         spoken = missions[representatives]
-        check_values("missions", spoken.reshape(-1, 1), (self.instruction.embedding.num_embeddings,))
+        check_values("missions", spoken, (self.instruction.embedding.num_embeddings,))
         instructions = self.instruction(spoken.long())
         mission_of_image = kind.repeat_interleave(lengths)
         looks = images.flatten(1) if self.picture.values is not None else distinct(bits(images))[1].unsqueeze(1)
         shown, position = distinct(th.cat([looks, mission_of_image.unsqueeze(1)], dim=1))
         seen = images[shown].movedim(1, -1) if self.picture.channels_first else images[shown]
         if self.picture.values is not None:
-            check_values("cells of images", seen.flatten(0, -2), self.picture.values)
+            check_values("cells of images", seen, self.picture.values)
         return self.vision(seen, instructions, mission_of_image[shown]), position
 
 

@@ -108,13 +108,14 @@ def check_spaces(observation_space: spaces.Space, action_space: spaces.Space) ->
 def check_values(what: str, values: th.Tensor, counts: Sequence[int]) -> None:
     """
     :param what: is observed, in the plural
-    :param values: (N, C) of it
+    :param values: (N, ..., C) of it
     :param counts: (C,) how many there may be: the whole numbers from 0 on
     :raises ValueError: if there are others
     """
-    bounds = (bound.cpu().tolist() for bound in values.aminmax(dim=0))  # as numbers: 256 is 0 to a tensor of bytes
+    # row by row first, which torch does several at once; as numbers, for 256 is 0 to a tensor of bytes
+    low, highest = values.amin().item(), values.flatten(1).amax(dim=0).reshape(-1, len(counts)).amax(dim=0)
     broken = values.is_floating_point() and values.frac().any()
-    for low, high, count in zip(*bounds, counts, strict=True):
+    for high, count in zip(highest.cpu().tolist(), counts, strict=True):
         if low < 0 or high >= count or broken:
             raise ValueError(
                 f"{what} have values from {low:.3g} to {high:.3g}: expected whole numbers from 0 to {count - 1}, as the "
