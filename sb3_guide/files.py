@@ -7,14 +7,17 @@ import re
 import reprlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import MISSING, fields
 from pathlib import Path
 from types import UnionType
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 import yaml
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
+
+T = TypeVar("T")
 
 MOST_JSON, MOST_YAML = 2**24, 2**18  # bytes; PyYAML takes seconds for the latter
 MOST_VALUES = 100_000  # of a YAML file with its aliases written out
@@ -81,6 +84,24 @@ def read_json(path: Path, kind: type = dict) -> Any:
     if not isinstance(content, kind):
         raise ValueError(f"{path} holds a {type(content).__name__}: expected a {kind.__name__}")
     return content
+
+
+def filled(kind: type[T], what: str, content: Any) -> T:
+    """
+    :param kind: a dataclass
+    :param what: is described, for errors
+    :param content: of a file, or written by a caller: the fields by name
+    :return: the record
+    :raises ValueError: if it is no mapping, has other names, or lacks one
+    """
+    known = {each.name: each.default is MISSING and each.default_factory is MISSING for each in fields(kind)}  # type: ignore[arg-type]
+    if not isinstance(content, dict):
+        raise ValueError(f"{what} is {reprlib.repr(content)}: expected a mapping with {', '.join(known)}")
+    if unknown := [str(name) for name in content if name not in known]:
+        raise ValueError(f"{what} has {', '.join(unknown)}: expected some of {', '.join(known)}")
+    if missing := [name for name, needed in known.items() if needed and name not in content]:
+        raise ValueError(f"{what} lacks {', '.join(missing)}")
+    return kind(**content)
 
 
 def check_types(record: Any) -> None:

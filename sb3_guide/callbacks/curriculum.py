@@ -1,7 +1,7 @@
 """One training that goes from level to level."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
@@ -10,6 +10,7 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
 from sb3_guide.callbacks.success import EpisodeSuccesses
 from sb3_guide.envs import level_of
+from sb3_guide.files import filled
 
 SETTINGS = ("lr_schedule", "ent_coef", "gamma", "gae_lambda")  # of the model, that a part may change
 
@@ -103,10 +104,7 @@ class Curriculum(EpisodeSuccesses):
             raise ValueError("a curriculum of no parts: expected at least one")
         if n_episodes < 1:
             raise ValueError(f"n_episodes={n_episodes}: expected at least 1")
-        known = [field.name for field in fields(Part)]
-        for name in (name for part in parts for name in part if name not in known):
-            raise ValueError(f"{name!r} is nothing that a part can have: expected some of {', '.join(known)}")
-        self.parts = [Part(**part) for part in parts]
+        self.parts = [filled(Part, "a part of a curriculum", part) for part in parts]
         self._n_episodes = n_episodes
         self.position = -1  # of the present part; none has begun
         self.first_frame = 0  # of the present part

@@ -117,7 +117,7 @@ def test_it_works_in_sb3s_own_worlds():
         ([{"level": "GoTo"}], "the part in GoTo has no end: expected success_rate, n_timesteps or both"),
         ([{"level": "GoTo", "success_rate": 99}], "success_rate=99: expected a number above 0 and at most 1"),
         ([{"level": "GoTo", "n_timesteps": 0}], "n_timesteps=0: expected at least 1"),
-        ([{"level": "GoTo", "n_steps": 5}], "'n_steps' is nothing that a part can have: expected some of level, "),
+        ([{"level": "GoTo", "n_steps": 5}], "a part of a curriculum has n_steps: expected some of level, "),
         ([{"level": "GoTo", "n_timesteps": 9, "learning_rate": "exp_1"}], "schedule 'exp_1' is unknown"),
         ([{"level": "GoTo", "n_timesteps": 9, "gamma": 7.0}], "gamma=7.0: expected a number from 0 to 1"),
         ([{"level": "GoTo", "n_timesteps": "200"}], "n_timesteps='200' of the part in GoTo: expected a number"),

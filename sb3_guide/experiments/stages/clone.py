@@ -185,8 +185,9 @@ def override(config: dict[str, Any], params: Sequence[str]) -> dict[str, Any]:
     :raises ValueError: if there is no such hyper-parameter, or its value is no YAML or out of range
     """
     changes = dict(param.partition(":")[::2] for param in params)
-    if unknown := changes.keys() - config.keys():
-        raise ValueError(f"--params {', '.join(sorted(unknown))} are unknown: expected NAME:VALUE of {', '.join(config)}")
+    known = [name for name in config if name != "recorded_episodes"]  # which is for the demonstrations, not for the agent
+    if unknown := changes.keys() - set(known):
+        raise ValueError(f"--params {', '.join(sorted(unknown))} are unknown: expected NAME:VALUE of {', '.join(known)}")
     try:
         values = {name: parse_yaml(value) for name, value in changes.items()}
     except ValueError as error:

@@ -12,7 +12,7 @@ from sb3_guide.experiments.stages.clone import UNTRAINED, check_agent, override,
 from sb3_guide.experiments.stages.configs import load_config
 from sb3_guide.experiments.stages.levels import join_levels, split_levels
 from sb3_guide.experts import expert_folder
-from sb3_guide.files import check_types, read_yaml
+from sb3_guide.files import check_types, filled, read_yaml
 
 PACKAGED = Path(__file__).with_name("conditions.yml")
 EXPERTS = ("trained", "pretrained")
@@ -109,6 +109,23 @@ class Study:
             raise ValueError(f"page {self.page!r} is unknown: expected one of {', '.join(PAGES)}")
 
 
+@dataclass(frozen=True)
+class Content:
+    """
+    Of a file.
+
+    :param conditions: by name
+    :param studies: by name
+    :raises TypeError: if something is of another type
+    """
+
+    conditions: dict[Any, Any] = field(default_factory=dict)
+    studies: dict[Any, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check_types(self)
+
+
 class Run(NamedTuple):
     """
     A condition on a level with a seed.
@@ -187,7 +204,12 @@ class Catalogue(NamedTuple):
     def _check(self, run: Run, expert: str) -> None:
         """:raises ValueError: if the run has no hyper-parameters or no expert"""
         levels = split_levels(run.level)
-        override(shared_config(levels, None), self.params(run))
+        config = override(shared_config(levels, None), self.params(run))
+        if config["train_episodes"] > config["recorded_episodes"]:
+            raise ValueError(
+                f"condition {run.condition!r} is to train on {config['train_episodes']} episodes of {run.level}, of which "
+                f"{config['recorded_episodes']} are recorded: expected at most as many"
+            )
         for level in levels:
             if expert == "pretrained":
                 expert_folder(level)
@@ -237,11 +259,10 @@ def load_catalogue(file: Path | None = None) -> Catalogue:
     studies: dict[str, Study] = {}
     for path in (PACKAGED, *([] if file is None else [file])):
         try:
-            content = read_yaml(path) or {}
-            conditions |= {name: Condition(**entry) for name, entry in content.get("conditions", {}).items()}
-            for name, entry in content.get("studies", {}).items():
-                studies[name] = Study(**{**entry, "grids": [Grid(**grid) for grid in entry["grids"]]})
-        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            content = filled(Content, "the file", read_yaml(path) or {})
+            conditions |= {name: filled(Condition, f"condition {name}", entry) for name, entry in content.conditions.items()}
+            studies |= {name: study_of(name, entry) for name, entry in content.studies.items()}
+        except (TypeError, ValueError) as error:
             raise ValueError(f"{path} holds no usable conditions and studies: {error}") from error
     check_order(conditions)
     used = [
@@ -254,6 +275,18 @@ def load_catalogue(file: Path | None = None) -> Catalogue:
             raise ValueError(f"condition {name!r} is unknown: expected one of {', '.join(conditions)}")
     check_references(conditions)
     return Catalogue(conditions, studies)
+
+
+def study_of(name: str, entry: Any) -> Study:
+    """
+    :param name: of the study
+    :param entry: of a file
+    :raises TypeError: if something is of another type
+    :raises ValueError: if something is unknown, missing or out of range
+    """
+    if isinstance(entry, dict) and isinstance(entry.get("grids"), list):
+        entry = {**entry, "grids": [filled(Grid, f"a grid of study {name}", grid) for grid in entry["grids"]]}
+    return filled(Study, f"study {name}", entry)
 
 
 def check_references(conditions: dict[str, Condition]) -> None:

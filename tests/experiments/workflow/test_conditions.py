@@ -102,9 +102,16 @@ def test_levels_may_be_written_as_ids(tmp_path: Path) -> None:
             "intervention 'well' is unknown: expected one of spoken",
         ),
         ({"conditions": {"x": {"agent": "guided", "guide": "tour"}}}, "condition 'tour' is unknown: expected one of learner"),
-        ({"conditions": {"x": {"agent": "learner", "pupil": 1}}}, "unexpected keyword argument 'pupil'"),
+        ({"conditions": {"x": {"agent": "learner", "pupil": 1}}}, "condition x has pupil: expected some of agent, guide"),
+        ({"conditions": {"x": {"guide": "guide"}}}, "condition x lacks agent"),
+        ({"conditions": {"x": "learner"}}, "condition x is 'learner': expected a mapping with agent, guide"),
+        ({"conditions": None}, r"conditions is None: expected dict"),
+        ({"condition": {}}, "the file has condition: expected some of conditions, studies"),
+        ({"studies": {"x": {"grids": {"seeds": 1}}}}, r"grids is \{'seeds': 1\}: expected list"),
+        ({"studies": {"x": {"grids": ["a"]}}}, "a grid of study x is 'a': expected a mapping with conditions, seeds"),
+        ({"studies": {"x": {"grids": [], "anlyze": []}}}, "study x has anlyze: expected some of grids, expert"),
         ({"studies": {"x": {"grids": [{"conditions": ["tour"], "seeds": 1}]}}}, "condition 'tour' is unknown"),
-        ({"studies": {"x": {}}}, "no usable conditions and studies: 'grids'"),
+        ({"studies": {"x": {}}}, "no usable conditions and studies: study x lacks grids"),
         ({"studies": {"x": {"grids": [{"conditions": ["learner"], "seeds": 10**9}]}}}, "expected 1 to 1000"),
         (
             {"studies": {"x": {"grids": [{"conditions": "learner", "seeds": 1}]}}},
@@ -146,6 +153,22 @@ def test_the_examples_of_the_docs(file: str, study: str, tmp_path: Path) -> None
     (example,) = re.findall(rf"```yaml\n# {file}\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
     (tmp_path / file).write_text(example)
     assert load_catalogue(tmp_path / file).runs(study)
+
+
+@pytest.mark.parametrize(
+    ("params", "message"),
+    [
+        ({"train_episodes": 1001}, "condition 'x' is to train on 1001 episodes of GoToObj, of which 1000 are recorded"),
+        ({"recorded_episodes": 20}, "recorded_episodes are unknown: expected NAME:VALUE of train_episodes"),
+        ({"learning_rate": -1}, "learning_rate=-1: expected a number from 0"),
+    ],
+)
+def test_hyper_parameters_that_are_not_possible(params: dict[str, object], message: str, tmp_path: Path) -> None:
+    study = {"grids": [{"levels": ["GoToObj"], "conditions": ["x"], "seeds": 1}]}
+    conditions = {"x": {"agent": "learner", "params": params}}
+    catalogue = load_catalogue(write(tmp_path / "mine.yml", conditions=conditions, studies={"mine": study}))
+    with pytest.raises(ValueError, match=message):
+        catalogue.runs("mine")
 
 
 def test_a_level_without_a_shipped_expert(tmp_path: Path) -> None:
