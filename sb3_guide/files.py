@@ -8,6 +8,7 @@ import reprlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, fields
+from math import inf
 from pathlib import Path
 from types import UnionType
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
@@ -112,6 +113,21 @@ def check_types(record: Any) -> None:
     for name, kind in get_type_hints(type(record)).items():
         if not fits(value := getattr(record, name), kind):
             raise TypeError(f"{name} is {reprlib.repr(value)}: expected {kind if get_origin(kind) else kind.__name__}")
+
+
+def check_number(name: str, value: Any, least: float = 0, most: float = inf, whole: bool = False) -> None:
+    """
+    :param name: of the value, for the error
+    :param value: of a file, or written by a caller
+    :param least: that it may be
+    :param most: that it may be
+    :param whole: whether only an int will do
+    :raises ValueError: if it is no number, or is out of range
+    """
+    number = isinstance(value, int if whole else int | float) and not isinstance(value, bool) and abs(value) < inf
+    if not number or not least <= value <= most:
+        expected = f"a {'whole ' if whole else ''}number from {least}" + ("" if most == inf else f" to {most}")
+        raise ValueError(f"{name}={reprlib.repr(value)}: expected {expected}")
 
 
 def fits(value: Any, kind: Any) -> bool:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite
+from math import inf, isfinite
 from typing import Any
 
 import numpy as np
@@ -10,9 +10,13 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
 from sb3_guide.callbacks.success import EpisodeSuccesses
 from sb3_guide.envs import level_of
-from sb3_guide.files import filled
+from sb3_guide.files import check_number, filled
 
 SETTINGS = ("lr_schedule", "ent_coef", "gamma", "gae_lambda")  # of the model, that a part may change
+RANGES = (
+    *(("success_rate", 0, 1), ("n_timesteps", 1, inf), ("learning_rate", 0, inf)),
+    *(("ent_coef", 0, inf), ("gamma", 0, 1), ("gae_lambda", 0, 1)),
+)
 
 
 @dataclass(frozen=True)
@@ -22,7 +26,7 @@ class Part:
     What is None is as the model was made.
 
     :param level: name or id of the level
-    :param success_rate: of the last episodes of this part, above 0 and at most 1
+    :param success_rate: of the last episodes of this part, 0 to 1
     :param n_timesteps: frames in all worlds together
     :param learning_rate: a number, or such as "lin_0.001" for a rate that falls from there to 0 over n_timesteps
     :param ent_coef: weight of the entropy
@@ -43,18 +47,10 @@ class Part:
         level_of(self.level)
         if self.success_rate is None and self.n_timesteps is None:
             raise ValueError(f"the part in {self.level} has no end: expected success_rate, n_timesteps or both")
-        for name in ("success_rate", "n_timesteps", "learning_rate", "ent_coef", "gamma", "gae_lambda"):
+        for name, least, most in RANGES:
             value = getattr(self, name)
-            if value is None or (name == "learning_rate" and isinstance(value, str)):
-                continue
-            if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
-                raise ValueError(f"{name}={value!r} of the part in {self.level}: expected a number")
-            if value < 0 or (name in ("gamma", "gae_lambda") and value > 1):
-                raise ValueError(f"{name}={value}: expected a number from 0" + (" to 1" if value > 1 else ""))
-        if self.success_rate is not None and not 0 < self.success_rate <= 1:
-            raise ValueError(f"success_rate={self.success_rate}: expected a number above 0 and at most 1")
-        if self.n_timesteps is not None and self.n_timesteps < 1:
-            raise ValueError(f"n_timesteps={self.n_timesteps}: expected at least 1")
+            if value is not None and not (name == "learning_rate" and isinstance(value, str)):
+                check_number(name, value, least, most)
         if isinstance(self.learning_rate, str):
             falling(self.learning_rate)
             if self.n_timesteps is None:

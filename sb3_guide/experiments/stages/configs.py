@@ -3,9 +3,10 @@
 import reprlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from math import inf, isfinite
+from math import inf
 from pathlib import Path
 from textwrap import shorten
+from types import NoneType
 from typing import Any
 
 from stable_baselines3.common.type_aliases import Schedule
@@ -13,7 +14,7 @@ from stable_baselines3.common.type_aliases import Schedule
 from sb3_guide.callbacks.curriculum import falling
 from sb3_guide.envs import is_level, level_of
 from sb3_guide.envs.batch import MAX_WORLDS
-from sb3_guide.files import fits, read_yaml
+from sb3_guide.files import check_number, fits, read_yaml
 
 PACKAGE = Path(__file__).parents[2]
 FOLDERS = (PACKAGE / "zoo_configs", PACKAGE.parent / "zoo_configs")  # inside a wheel, beside the package in a checkout
@@ -30,10 +31,11 @@ MOST = {
     **{"n_epochs": 10**6, "validate_every": 10**6, "validation_episodes": 10**6, "analysis_episodes": 10**6},
     **{"recorded_episodes": 10**7, "train_episodes": 10**7},
 }
-NUMBERS = {
-    **dict.fromkeys(("gamma", "gae_lambda", "ent_coef", "vf_coef", "max_grad_norm", "ent_weight"), int | float),
-    **dict.fromkeys(("target_kl", "clip_range_vf"), int | float | None),
-    **dict.fromkeys(("learning_rate", "clip_range"), int | float | str),  # text being a schedule
+SCHEDULES = ("learning_rate", "clip_range")
+NUMBERS: dict[str, tuple[type, ...]] = {  # and what else each may be
+    **dict.fromkeys(("gamma", "gae_lambda", "ent_coef", "vf_coef", "max_grad_norm", "ent_weight"), ()),
+    **dict.fromkeys(SCHEDULES, (str,)),
+    **dict.fromkeys(("target_kl", "clip_range_vf"), (NoneType,)),
 }
 HIGHEST = {"gamma": 1, "gae_lambda": 1}
 MOST_VALUES = 2**27  # in the observations of a rollout: half a gigabyte as SB3 keeps them
@@ -48,7 +50,7 @@ def algorithm_arguments(config: dict[str, Any]) -> dict[str, Any]:
     :raises ValueError: if a schedule is of another kind
     """
     return {
-        name: schedule(value) if isinstance(value, str) and name in ("learning_rate", "clip_range") else value
+        name: schedule(value) if isinstance(value, str) and name in SCHEDULES else value
         for name, value in config.items()
         if name not in OF_THE_ZOO
     }
@@ -109,15 +111,11 @@ def checked(config: dict[str, Any]) -> dict[str, Any]:
     """
     whole = {name: int(value) for name, value in config.items() if isinstance(value, float) and value.is_integer()}
     config = {**config, **{name: value for name, value in whole.items() if name in MOST}}
-    for name, most in MOST.items():
-        if name in config and not (type(config[name]) is int and 1 <= config[name] <= most):
-            raise ValueError(f"{name}={reprlib.repr(config[name])}: expected a whole number from 1 to {most}")
-    for name, kind in NUMBERS.items():
-        value = config.get(name, 0)
-        if not fits(value, kind) or isinstance(value, bool) or (isinstance(value, float) and not isfinite(value)):
-            raise ValueError(f"{name}={reprlib.repr(value)}: expected a number")
-        if isinstance(value, int | float) and not 0 <= value <= HIGHEST.get(name, inf):
-            raise ValueError(f"{name}={value}: expected a number from 0" + (f" to {HIGHEST[name]}" if name in HIGHEST else ""))
+    for name, value in config.items():
+        if name in MOST:
+            check_number(name, value, 1, MOST[name], whole=True)
+        elif name in NUMBERS and not isinstance(value, NUMBERS[name]):
+            check_number(name, value, most=HIGHEST.get(name, inf))
     points = config.get("validate_at", [])
     if not fits(points, list[int | float]) or not all(0 <= point <= MOST["n_epochs"] for point in points):
         raise ValueError(f"validate_at={reprlib.repr(points)}: expected a list of epochs")
