@@ -11,10 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import spearmanr
 
-from sb3_guide.experiments.report.contrasts import area, episodes_to
+from sb3_guide.experiments.report.contrasts import area
 from sb3_guide.experiments.report.curves import COLOURS, STYLE
-from sb3_guide.experiments.report.guidance import interval, table
-from sb3_guide.experiments.report.study import Study, read_study
+from sb3_guide.experiments.report.guidance import interval, table, to_rate
+from sb3_guide.experiments.report.study import Study, in_words, read_study
 from sb3_guide.files import write_text
 from sb3_guide.language.pictures import save_figure
 
@@ -161,9 +161,7 @@ def page(study: Study, levels: Sequence[str]) -> str:
 def coverage(study: Study, level: str) -> str:
     """:return: how many channels and seeds of a level the tables hold"""
     seeds = [len(study.final(level, each.guided)) for each in channels(study, level)]
-    most, fewest = max(seeds), min(seeds)
-    of_each = f"{fewest} to {most} seeds" if fewest < most else f"{most} seed{'s' * (most > 1)}"
-    return f"{level}, {len(seeds)} channels with {of_each} each"
+    return f"{level}, {len(seeds)} channels with {in_words(seeds)} each"
 
 
 def success_table(study: Study, level: str) -> list[str]:
@@ -171,7 +169,7 @@ def success_table(study: Study, level: str) -> list[str]:
     head = ["channel", "messages", "seeds", "Guide, in the end", f"Guide to {RATE:.0%}", "area", "lead"]
     rows = []
     if study.has(level, "learner"):
-        alone = [interval(areas(study, level, "learner").to_numpy(), ".3f"), "-", to_rate(study, level, "learner")]
+        alone = [interval(areas(study, level, "learner").to_numpy(), ".3f"), "-", to_rate(study, level, "learner", RATE)]
         final = study.final(level, "learner").to_numpy()
         rows.append(["Learner alone", "-", str(len(final)), "-", "-", *alone, interval(final, ".3f")])
     for each in channels(study, level):
@@ -182,10 +180,10 @@ def success_table(study: Study, level: str) -> list[str]:
                 "-" if each.possible is None else f"{each.possible:,}",
                 str(len(finals[each.guided])),
                 known(finals[each.guide], ".3f"),
-                to_rate(study, level, each.guide),
+                to_rate(study, level, each.guide, RATE),
                 interval(each.areas().to_numpy(), ".3f"),
                 known(each.leads(), ".3f"),
-                to_rate(study, level, each.guided),
+                to_rate(study, level, each.guided, RATE),
                 interval(finals[each.guided], ".3f"),
             ]
         )
@@ -216,16 +214,6 @@ def correlation_table(study: Study, levels: Sequence[str]) -> list[str]:
             cells.append("-" if rank is None else f"{rank.statistic:+.2f} (p = {rank.pvalue:.2g}, {len(values)} channels)")
         rows.append([title, *cells])
     return table(["measure", *levels], rows)
-
-
-def to_rate(study: Study, level: str, condition: str) -> str:
-    """:return: episodes to RATE, and how many seeds never got there, which count with all that they have seen"""
-    if not study.has(level, condition):
-        return "-"
-    curve = study.success(level, condition)
-    episodes = np.array([episodes_to(curve.index.to_numpy(), curve[seed].to_numpy(), RATE) for seed in curve])
-    never = int((curve.max() < RATE).sum())
-    return interval(episodes, ",.0f") + (f", {never} never" if never else "")
 
 
 def known(values: np.ndarray, form: str) -> str:

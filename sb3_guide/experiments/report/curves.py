@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, PercentFormatter
 
-from sb3_guide.experiments.report.study import Study
+from sb3_guide.experiments.report.study import Study, in_words
 from sb3_guide.language.pictures import save_figure
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8c6d31", "#999999")  # Okabe and Ito
@@ -91,7 +91,7 @@ def draw_level(axes: Axes, study: Study, level: str, conditions: Sequence[str], 
         axes.plot(curve.index, curve, color=colour, linewidth=0.6, alpha=0.35)
         axes.plot(curve.index, curve.mean(axis=1), color=colour, linewidth=2, label=condition)
     seeds = [len(study.final(level, condition)) for condition in present]
-    axes.set_title(f"{level}, {min(seeds)} to {max(seeds)} seeds" if min(seeds) < max(seeds) else f"{level}, {seeds[0]} seeds")
+    axes.set_title(f"{level}, {in_words(seeds)}")
     axes.set_xlim(0, max(study.episodes(level, condition, epochs) for condition in present))
     axes.set_ylim(0, 1.02)
     axes.yaxis.set_major_formatter(PercentFormatter(1))

@@ -252,10 +252,9 @@ def condition_table(study: Study, levels: Sequence[str], conditions: Sequence[st
                 curve = study.success(level, condition)
                 episodes = curve.index.to_numpy()
                 first = [area(episodes, curve[seed].to_numpy(), episodes[-1]) for seed in curve]
-                to = [[episodes_to(episodes, curve[seed].to_numpy(), rate) for seed in curve] for rate in THRESHOLDS]
+                to = [to_rate(study, level, condition, rate) for rate in THRESHOLDS]
                 final = study.final(level, condition).to_numpy()
-                numbers = [interval(np.array(first), ".3f"), *(interval(np.array(values), ",.0f") for values in to)]
-                rows.append([level, condition, str(len(final)), *numbers, interval(final, ".3f")])
+                rows.append([level, condition, str(len(final)), interval(np.array(first), ".3f"), *to, interval(final, ".3f")])
     return table(["level", "condition", "seeds", "area", *(f"to {x:.0%}" for x in THRESHOLDS), "final success"], rows)
 
 
@@ -300,6 +299,16 @@ def reached(study: Study, level: str, condition: str) -> dict[int, float]:
     """:return: episodes to 90 % by seed"""
     curve = study.success(level, condition)
     return {seed: episodes_to(curve.index.to_numpy(), curve[seed].to_numpy(), 0.9) for seed in curve}
+
+
+def to_rate(study: Study, level: str, condition: str, rate: float) -> str:
+    """:return: episodes to a rate of success, and how many seeds never got there, which count with all that they have seen"""
+    if not study.has(level, condition):
+        return "-"
+    curve = study.success(level, condition)
+    episodes = np.array([episodes_to(curve.index.to_numpy(), curve[seed].to_numpy(), rate) for seed in curve])
+    never = int((curve.max() < rate).sum())
+    return interval(episodes, ",.0f") + (f", {never} never" if never else "")
 
 
 def interval(values: np.ndarray, form: str) -> str:

@@ -1,5 +1,6 @@
 """The tables of a study, read and checked."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -90,3 +91,12 @@ def read_study(folder: Path) -> Study:
             raise ValueError(f"{path} is empty: expected at least one run")
         tables.append(table)
     return Study(*tables)
+
+
+def in_words(seeds: Sequence[int]) -> str:
+    """
+    :param seeds: how many each condition has
+    :return: such as "2 to 5 seeds"
+    """
+    fewest, most = min(seeds), max(seeds)
+    return f"{fewest} to {most} seeds" if fewest < most else f"{most} seed{'s' * (most > 1)}"
