@@ -330,7 +330,7 @@ class FiLMExtractor(BaseFeaturesExtractor):
         instructions = self.instruction(spoken.long())
         mission_of_image = kind.repeat_interleave(lengths)
         looks = images.flatten(1) if self.picture.values is not None else distinct(bits(images))[1].unsqueeze(1)
-        shown, position = distinct(th.cat([looks, mission_of_image.unsqueeze(1)], dim=1))
+        shown, position = distinct(looks, mission_of_image.unsqueeze(1))
         seen = images[shown].movedim(1, -1) if self.picture.channels_first else images[shown]
         if self.picture.values is not None:
             check_values("cells of images", seen, self.picture.values)

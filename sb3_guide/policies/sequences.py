@@ -1,6 +1,6 @@
 """Frames of several episodes (or windows of them) without padding."""
 
-from functools import cache
+from functools import cache, reduce
 from typing import NamedTuple
 
 import torch as th
@@ -97,20 +97,27 @@ def missions_of(observations: Observations) -> th.Tensor:
     return observations.get("mission", images.new_zeros(len(images), 1))
 
 
-def distinct(rows: th.Tensor) -> tuple[th.Tensor, th.Tensor]:
+def distinct(*parts: th.Tensor) -> tuple[th.Tensor, th.Tensor]:
     """
     Rows that occur, each once. Compares 64-bit hashes, as sorting whole rows costs more than the encoding it would save;
     two different rows among a million share a hash with probability 3e-8.
 
-    :param rows: (N, D) of any integral values
+    :param parts: (N, D) each, of any integral values: what N rows have side by side
     :return: index of one representative a distinct row (U,), and for every row the position of its representative (N,)
     """
-    weights, at_once = hash_weights(rows.shape[1], rows.device), max(1, LONGS_AT_ONCE // rows.shape[1])
-    hashes = th.cat([(part.long() * weights).sum(dim=1) for part in rows.split(at_once)])
+    widths = [part.shape[1] for part in parts]
+    weights = hash_weights(sum(widths), parts[0].device).split(widths)
+    hashes = reduce(th.add, map(hashed, parts, weights))
     _, inverse = th.unique(hashes, return_inverse=True)
-    first = th.empty(int(inverse.max()) + 1, dtype=th.long, device=rows.device)
-    first[inverse] = th.arange(len(rows), device=rows.device)
+    first = th.empty(int(inverse.max()) + 1, dtype=th.long, device=hashes.device)
+    first[inverse] = th.arange(len(hashes), device=hashes.device)
     return first, inverse
+
+
+def hashed(rows: th.Tensor, weights: th.Tensor) -> th.Tensor:
+    """:return: (N,) int64, sums of a row's values times the weights (D,)"""
+    at_once = max(1, LONGS_AT_ONCE // len(weights))
+    return th.cat([(part.long() * weights).sum(dim=1) for part in rows.split(at_once)])
 
 
 @cache

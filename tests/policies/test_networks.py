@@ -177,6 +177,12 @@ def test_distinct_rows_are_each_represented_once():
     first, inverse = distinct(rows)
     assert len(first) == 3
     assert th.equal(rows[first][inverse], rows)
+    assert all(map(th.equal, distinct(rows[:, :1].float(), rows[:, 1:].long()), (first, inverse)))
+
+
+def test_rows_whose_parts_differ_are_distinct_however_large_their_numbers():
+    looks, numbers = th.zeros(3, 4), th.tensor([[2**24], [2**24 + 1], [2**24]])  # which are one number as 32-bit floats
+    assert th.equal(distinct(looks, numbers)[1].bincount().sort().values, th.tensor([1, 2]))
 
 
 def test_missions_may_repeat_and_padding_is_not_read():
