@@ -7,7 +7,7 @@ is played again from its seed, and has to show the same images on the way.
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,19 +40,36 @@ class WholeEpisode:
     seed: int
 
 
+class Replayed(NamedTuple):
+    """
+    What demonstrations don't hold of E episodes of F actions in all.
+
+    :param rewards: (F,) float64
+    :param last: (E, 7, 7, 3) uint8 images after the last actions
+    :param terminated: (E,) bool
+    :param truncated: (E,) bool
+    """
+
+    rewards: np.ndarray
+    last: np.ndarray
+    terminated: np.ndarray
+    truncated: np.ndarray
+
+
 def whole_episodes(demonstrations: Demonstrations) -> Iterator[WholeEpisode]:
     """
     :param demonstrations: of one level
     :return: its episodes, in order
-    :raises ValueError: if the level is unknown, or an episode played again is another one
+    :raises ValueError: if the level is unknown, or an episode has no seed or, played again, is another one
     """
     episodes = demonstrations.episodes
     for start in range(0, len(episodes), WORLDS):
-        chosen = np.arange(start, min(start + WORLDS, len(episodes)))
-        yield from replay(episodes.select(chosen), demonstrations.level)
+        some = episodes.select(np.arange(start, min(start + WORLDS, len(episodes))))
+        played = replay(some, demonstrations.level)
+        yield from (completed(some, played, episode) for episode in range(len(some)))
 
 
-def replay(episodes: Episodes, level: str) -> Iterator[WholeEpisode]:
+def replay(episodes: Episodes, level: str) -> Replayed:
     """
     Play episodes again, side by side.
 
@@ -86,20 +103,29 @@ def replay(episodes: Episodes, level: str) -> Iterator[WholeEpisode]:
             f"{len(wrong)} of {len(same)} episodes of {level} are other ones when they are played again, the first of them "
             f"with seed {episodes.seeds[wrong[0]]}: expected demonstrations of this level and engine; record them anew"
         )
-    for episode, start in enumerate(first):
-        frames = slice(start, start + lengths[episode])
-        at_the_end = np.arange(lengths[episode]) == lengths[episode] - 1
-        yield WholeEpisode(
-            observations={
-                "image": np.concatenate([episodes.images[frames], last[[episode]]]),
-                "mission": np.repeat(episodes.missions[[episode]], lengths[episode] + 1, axis=0),
-            },
-            actions=episodes.actions[frames].astype(np.int64),
-            rewards=rewards[frames],
-            terminations=at_the_end & terminated[episode],
-            truncations=at_the_end & truncated[episode],
-            seed=int(episodes.seeds[episode]),
-        )
+    return Replayed(rewards, last, terminated, truncated)
+
+
+def completed(episodes: Episodes, played: Replayed, episode: int) -> WholeEpisode:
+    """
+    :param episodes: E of them
+    :param played: what they don't hold
+    :param episode: index of one of them
+    :return: it
+    """
+    frames, length = slice(*episodes.offsets[episode : episode + 2]), episodes.lengths[episode]
+    at_the_end = np.arange(length) == length - 1
+    return WholeEpisode(
+        observations={
+            "image": np.concatenate([episodes.images[frames], played.last[[episode]]]),
+            "mission": np.repeat(episodes.missions[[episode]], length + 1, axis=0),
+        },
+        actions=episodes.actions[frames].astype(np.int64),
+        rewards=played.rewards[frames],
+        terminations=at_the_end & played.terminated[episode],
+        truncations=at_the_end & played.truncated[episode],
+        seed=int(episodes.seeds[episode]),
+    )
 
 
 def returns_of(rewards: np.ndarray, offsets: np.ndarray) -> np.ndarray:
