@@ -119,7 +119,10 @@ def export_demonstrations(
 def import_demonstrations(
     minari: Dataset, out: Annotated[Path, typer.Argument(help="File for the demonstrations (.safetensors).")]
 ) -> None:
-    """Make demonstrations of a local dataset of Minari: one of 'export', or of Minigrid's BabyAI levels."""
+    """
+    Make demonstrations of a local dataset of Minari: one of 'export', or of Minigrid's BabyAI levels. Of demonstrations that
+    'record' has made there before, it takes the place, and deletes the record beside them (.json).
+    """
     from sb3_guide.cloning import save_demonstrations
     from sb3_guide.cloning.minari import load_minari
     from sb3_guide.experiments.stages.runs import check_result

@@ -91,7 +91,7 @@ def load_config(name: str, level: str, file: Path | None = None) -> dict[str, An
     """
     path = next(folder for folder in FOLDERS if folder.is_dir()) / f"{name}.yml" if file is None else file
     if not path.is_file():
-        raise FileNotFoundError(f"{path} does not exist: expected a YAML file in rl-zoo's format")
+        raise FileNotFoundError(f"{path} is no file: expected YAML in rl-zoo's format")
     entries = read_yaml(path)
     key = level_of(level).env_id if is_level(level) else level
     if not isinstance(entries, dict) or not isinstance(entries.get(key), dict):

@@ -139,10 +139,13 @@ def check_result(path: Path, name: str) -> None:
 
     :param path: of the JSON file that a stage is to write in the end
     :param name: of the stage
-    :raises ValueError: if it is no name of a JSON file, or what it would take the place of is no result of that stage
+    :raises ValueError: if it is no name of a JSON file, can't be in its folder, or would take the place of what is no result of
+        that stage
     """
     if path.suffix != ".json":
         raise ValueError(f"{path} is to hold the result of {name}: expected the name of a file that ends in .json")
+    if above := next((folder for folder in path.parents if folder.is_file()), None):
+        raise ValueError(f"{path} can't be written, as {above} is a file: choose another --out")
     if path.exists() and read_json(path).get("stage") != name:
         raise ValueError(f"{path} holds something else than a result of {name}: choose another --out or delete it")
 

@@ -182,6 +182,8 @@ def test_an_agent_plays_a_level_that_it_was_trained_on(tmp_path):
         ["evaluate", MUTE, "--level", "GoToLocal", "--out", "."],
         ["ablate", LOCAL, "--out", "agent.json"],
         ["analyze", LOCAL, "--out", "."],
+        ["analyze", LOCAL, "--out", "agent.json"],
+        ["evaluate", MUTE, "--level", "GoToLocal", "--out", "agent.json/found.json"],
         ["speak", LOCAL, "--out", "."],
         ["record", "--level", "GoToLocal", "--expert", MUTE, "--episodes", "3", "--out", "network.safetensors"],
         ["record", "--level", "GoToLocal", "--expert", MUTE, "--episodes", "3", "--out", "agent.safetensors"],
@@ -197,7 +199,12 @@ def test_what_another_has_made_is_not_written_over(arguments, tmp_path, monkeypa
     monkeypatch.setattr(sys, "argv", ["sb3-guide", *arguments])
     with pytest.raises(SystemExit) as ended:
         cli.main()
-    assert "holds something else" in str(ended.value) or "expected the name of a file that ends in .json" in str(ended.value)
+    expected = (
+        "holds something else",
+        "expected the name of a file that ends in .json",
+        "agent.json is a file: choose another",
+    )
+    assert any(reason in str(ended.value) for reason in expected)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
