@@ -137,7 +137,8 @@ def overview(study: Study, judged: Sequence[Judged], folder: Path) -> str:
         run = f"{held} of {len(each.contrasts)}" + (f" ({len(each.missing)} not run)" if each.missing else "")
         link = f"[{each.claim['page']}]({each.claim['page']}.md)"
         rows.append([each.claim["claim"], f"**{verdict_of_all(each.verdicts)}**", run, link])
-    not_run = f"Of {len(judged) - len(rows)} of the {len(judged)} claims these runs say nothing."
+    left = f"{len(judged) - len(rows)} of the {len(judged)}" if rows else "all"
+    not_run = f"Of {left} claims these runs say nothing."
     counts = study.finals.groupby(["level", "condition"])["seed"].nunique().unstack("level")
     runs = [[name, *(f"{n:.0f}" for n in row)] for name, row in zip(counts.index, counts.fillna(0).to_numpy(), strict=True)]
     return "\n".join(

@@ -139,8 +139,8 @@ def check_result(path: Path, name: str) -> None:
 
     :param path: of the JSON file that a stage is to write in the end
     :param name: of the stage
-    :raises ValueError: if it is no name of a JSON file, can't be in its folder, or would take the place of what is no result of
-        that stage
+    :raises ValueError: if it is no name of a JSON file, can't be in its folder, or would take the place of what is no result
+        of that stage
     """
     if path.suffix != ".json":
         raise ValueError(f"{path} is to hold the result of {name}: expected the name of a file that ends in .json")
