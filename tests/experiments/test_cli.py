@@ -78,7 +78,7 @@ KEY = "GuideGrid-GoToObj-v0"
 
 
 def test_configs_that_cannot_be_read(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"none\.yml does not exist"):
+    with pytest.raises(FileNotFoundError, match=r"none\.yml is no file"):
         load_config("ppo", "GoToObj", tmp_path / "none.yml")
     for content, message in (
         ("a: [", "is no YAML"),
