@@ -7,7 +7,7 @@ import re
 import reprlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import MISSING, fields
+from inspect import signature
 from math import inf
 from pathlib import Path
 from types import UnionType
@@ -95,12 +95,12 @@ def filled(kind: type[T], what: str, content: Any) -> T:
     :return: the record
     :raises ValueError: if it is no mapping, has other names, or lacks one
     """
-    known = {each.name: each.default is MISSING and each.default_factory is MISSING for each in fields(kind)}  # type: ignore[arg-type]
+    known = signature(kind).parameters
     if not isinstance(content, dict):
         raise ValueError(f"{what} is {reprlib.repr(content)}: expected a mapping with {', '.join(known)}")
     if unknown := [str(name) for name in content if name not in known]:
         raise ValueError(f"{what} has {', '.join(unknown)}: expected some of {', '.join(known)}")
-    if missing := [name for name, needed in known.items() if needed and name not in content]:
+    if missing := [name for name, field in known.items() if field.default is field.empty and name not in content]:
         raise ValueError(f"{what} lacks {', '.join(missing)}")
     return kind(**content)
 
