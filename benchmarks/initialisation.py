@@ -1,9 +1,9 @@
 """
 How fast agents learn from reward by how their weights begin: `python -m benchmarks.initialisation --out runs/initialisation`.
 
-Trains on the level itself, without a curriculum, with the settings of zoo_configs/ppo_lstm.yml or ppo.yml, until 99 % of the
-last 1,000 episodes succeeded or the cap of frames is reached. Writes curves.csv and finals.csv after each training and prints a
-table of all. What is in finals.csv is not run again; with --seeds 0, nothing is.
+Trains on the level itself, without a curriculum, with the settings of zoo_configs/ppo_lstm.yml or ppo.yml, until 99 % of
+the last 1,000 episodes succeeded or the cap of frames is reached. Writes curves.csv and finals.csv after each training and
+prints a table of all. What is in finals.csv is not run again; with --seeds 0, nothing is.
 """
 
 from pathlib import Path
@@ -15,7 +15,7 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from torch import nn
 
 from benchmarks.rl_guidance import EPISODES_OF, Curve, reached, spread
-from sb3_guide.experiments.stages.configs import algorithm_arguments, load_config
+from sb3_guide.experiments.stages.configs import load_config
 from sb3_guide.experiments.stages.expert import ALGORITHMS, build
 from sb3_guide.experiments.stages.runs import read_table, use_threads, write_table
 
