@@ -1,7 +1,7 @@
 """
 How fast agents learn from reward by how their weights begin: `python -m benchmarks.initialisation --out runs/initialisation`.
 
-Trains on the level itself, without a curriculum, with the settings of zoo_configs/ppo_lstm.yml or ppo.yml, until 99 % of
+Trains on the level itself, without a curriculum, with the settings that the zoo_configs have for GoToObj, until 99 % of
 the last 1,000 episodes succeeded or the cap of frames is reached. Writes curves.csv and finals.csv after each training and
 prints a table of all. What is in finals.csv is not run again; with --seeds 0, nothing is.
 """
@@ -29,7 +29,7 @@ STARTS = {
 
 def model_of(algo: str, policy: str, level: str, start: str, seed: int) -> OnPolicyAlgorithm:
     """:return: not yet trained; seeds are far enough apart that their worlds differ"""
-    config = load_config(algo, level)
+    config = load_config(algo, "GoToObj")  # the same settings on all levels
     kwargs = {**config.get("policy_kwargs", {}), "ortho_init": start == "orthogonal"}
     model = build(ALGORITHMS[algo], level, 1000 * seed, {**config, "policy": policy, "policy_kwargs": kwargs})
     if start == "small head":
