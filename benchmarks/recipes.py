@@ -18,6 +18,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
@@ -64,14 +65,14 @@ def train(level: str, seed: int, folder: Path, options: list[str], variables: Ma
 
 
 def measure(
-    key: dict[str, Any], folder: Path, options: list[str], n_episodes: int
+    key: dict[str, Any], folder: Path, options: list[str], seeds: np.ndarray
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """:return: what the recipe took and gave, and its curve"""
-    level, seeds = key["level"], mission_seeds("analysis", n_episodes)
+    """:return: what the recipe took and gave on these missions, and its curve"""
+    level = key["level"]
     took = train(level, key["seed"], folder, options, INSTRUCTIONS[key["instructions"]])
     policy, rows = load_agent(folder), read_table(folder / "progress.csv")
     found = {**key, "processor": processor(), "frames_until_small_steps": until_small_steps(rows)}
-    found |= {"frames": read_json(folder / "run.json")["frames"], **took, "episodes": n_episodes}
+    found |= {"frames": read_json(folder / "run.json")["frames"], **took, "episodes": len(seeds)}
     for way in WAYS:
         played = of_expert(policy, level, seeds, deterministic=way == "greedy")
         found |= {f"{way}_{name}": round(value, 4) for name, value in played.items()}
@@ -157,6 +158,9 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=0, help="seeds from this one on")
     parser.add_argument("--instructions", choices=INSTRUCTIONS, default="all", help="of the processor that torch may use")
     parser.add_argument("--episodes", type=int, default=1000, help="missions to evaluate on")
+    parser.add_argument(
+        "--missions", choices=("analysis", "validation"), default="analysis", help="fresh ones, or to choose by"
+    )
     parser.add_argument("--out", type=Path, help="folder for the experts; needed unless --seeds is 0")
     parser.add_argument("--tables", type=Path, help="folder for the tables; --out if left out")
     arguments, options = parser.parse_known_args()
@@ -167,7 +171,8 @@ def main() -> None:
             key = {"level": level, "seed": seed, "instructions": arguments.instructions, "commit": this_commit()}
             if not (rows.is_file() and key_of(key) in map(key_of, read_table(rows))):
                 folder = arguments.out / f"{level}-{seed}-{arguments.instructions}"
-                found, points = measure(key, folder, options, arguments.episodes)
+                missions = mission_seeds(arguments.missions, arguments.episodes)
+                found, points = measure(key, folder, options, missions)
                 add(curves, points)
                 add(rows, [found])
     table = pd.read_csv(rows, dtype={"commit": str})
