@@ -12,13 +12,13 @@ from sb3_guide.policies.gru import input_gates, next_hidden
 from sb3_guide.policies.picture import Picture, check_values, picture_of, words_of
 from sb3_guide.policies.products import transform, transform_looked_up
 from sb3_guide.policies.sequences import Observations, Sequences, distinct, frames
+from sb3_guide.policies.short_sequences import WordsGRU
 from sb3_guide.policies.sizes import Size, size_of
 
 KINDS = 4096  # of cells, up to which each that there may be has an embedding of its own
 SMALLEST = 8  # pixels on a side, to which convolutions reduce pictures
 PIXEL_CHANNELS = (16, 32)  # after the first convolution, and after all others
 PICTURES_AT_ONCE = 1024  # bounds the memory that whole sets of episodes take
-FEW_FRAMES = 512  # up to which looking for equal ones costs more than it saves
 FEW_WORDS = 2048  # in missions, up to which reading them all at once costs less than reading each beginning once
 
 
@@ -46,10 +46,10 @@ class InstructionEncoder(nn.Module):
         longest = int(columns[-1]) + 1 if len(columns) else 1
         if len(missions) * longest > FEW_WORDS:
             return self._by_beginnings(words, missions[:, :longest], gates)
-        hidden = gates.new_zeros(len(missions), self.gru.hidden_size)
         is_word[:, 0] = True  # an empty mission is read as one word of padding
-        for word, counts in zip(missions[:, :longest].t(), is_word[:, :longest].t(), strict=True):
-            hidden = th.where(counts.unsqueeze(1), next_hidden(gates[word], hidden, self.gru), hidden)
+        _, weight, _, bias = self.gru.parameters()
+        said = gates[missions[:, :longest].t()]  # (longest, N, 3 * instruction)
+        hidden: th.Tensor = WordsGRU.apply(said, is_word[:, :longest].t().unsqueeze(2), weight, bias)
         return hidden
 
     def _by_beginnings(self, words: th.Tensor, missions: th.Tensor, gates: th.Tensor) -> th.Tensor:
@@ -118,9 +118,16 @@ class Vision(nn.Module):
         self.film_view = FiLM(size.instruction, size.image)
         self.out = nn.Linear(size.image, size.image)
 
-    def forward(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
+    def numbered(self, images: th.Tensor) -> th.Tensor:
         """
         :param images: (N, height, width, channels)
+        :return: the same; or, where each kind of cell has a number, (N, height, width) that
+        """
+        return images
+
+    def forward(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
+        """
+        :param images: (N, height, width, channels), or as :meth:`numbered` returns them
         :param instructions: (M, instruction)
         :param row: (N,) which instruction belongs to each image
         :return: (N, image)
@@ -161,19 +168,17 @@ class CompactVision(Vision):
             self.register_buffer("place_value", th.tensor(place_value), persistent=False)
             self.register_buffer("base", th.tensor(values), persistent=False)
 
+    def numbered(self, images: th.Tensor) -> th.Tensor:
+        if self.whole is None:
+            return images
+        return (images.long() * self.place_value).sum(dim=-1)
+
     def whole_view(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
         weight, bias = self.convolution.parameters()
         if self.whole is None:
             cells = images.flatten(1, 2).long()  # (N, cells, channels)
             return transform(self.modulated_each(cells, instructions, row).flatten(1), weight, bias)
-        return transform_looked_up(*self.modulated_kinds(self.kinds(images), instructions, row), weight, bias)
-
-    def kinds(self, images: th.Tensor) -> th.Tensor:
-        """
-        :param images: (..., height, width, channels)
-        :return: (..., cells) the channels of each cell as one number
-        """
-        return (images.long() * self.place_value).sum(dim=-1).flatten(-2)
+        return transform_looked_up(*self.modulated_kinds(images.flatten(1), instructions, row), weight, bias)
 
     def modulated_kinds(self, cells: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> tuple[th.Tensor, th.Tensor]:
         """
@@ -289,6 +294,10 @@ class PaperVision(nn.Module):
         self.blocks = nn.ModuleList(FiLMBlock(size.instruction, *channels) for channels in widths)
         self.pool = nn.AdaptiveMaxPool2d(1)
 
+    def numbered(self, images: th.Tensor) -> th.Tensor:
+        """:return: the images, for they are convolved as they are"""
+        return images
+
     def forward(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
         """
         :param images: (N, height, width, channels)
@@ -340,7 +349,7 @@ class FiLMExtractor(BaseFeaturesExtractor):
 
     def encode(self, sequences: Sequences) -> tuple[th.Tensor, th.Tensor]:
         """
-        Encode each distinct mission once and, of many frames, each distinct one, which is an image with a mission.
+        Encode each distinct mission and each distinct frame, which is an image with a mission, once.
 
         :param sequences: B sequences of K frames in all
         :return: features of the distinct frames (U, features_dim), and which of them belongs to each frame (K,)
@@ -350,12 +359,10 @@ class FiLMExtractor(BaseFeaturesExtractor):
         representatives, kind = distinct(missions)
         instructions = self.instruct(missions[representatives])
         mission_of_image = kind.repeat_interleave(lengths)
-        if len(images) <= FEW_FRAMES:
-            every = th.arange(len(images), device=images.device)
-            return self.vision(self.cells_or_pixels(images), instructions, mission_of_image), every
-        looks = images.flatten(1) if self.picture.values is not None else distinct(bits(images))[1].unsqueeze(1)
+        seen = self.vision.numbered(self.cells_or_pixels(images))
+        looks = seen.flatten(1) if self.picture.values is not None else distinct(bits(images))[1].unsqueeze(1)
         shown, position = distinct(looks, mission_of_image.unsqueeze(1))
-        return self.vision(self.cells_or_pixels(images[shown]), instructions, mission_of_image[shown]), position
+        return self.vision(seen[shown], instructions, mission_of_image[shown]), position
 
     def encode_worlds(self, images: th.Tensor, missions: th.Tensor) -> th.Tensor:
         """

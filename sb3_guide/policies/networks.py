@@ -10,9 +10,9 @@ from torch import nn
 
 from sb3_guide.policies.channel import MessageDecoder, MessageEncoder, MessageShape
 from sb3_guide.policies.compiled import Views, Weights, remember_few
-from sb3_guide.policies.film import FEW_FRAMES, FiLMExtractor
+from sb3_guide.policies.film import FiLMExtractor
 from sb3_guide.policies.interventions import Intervention, Scene
-from sb3_guide.policies.memory import SHORT, Memory, State
+from sb3_guide.policies.memory import FEW_FRAMES, SHORT, Memory, State
 from sb3_guide.policies.sequences import Observations, Sequences, Windows, windows
 from sb3_guide.policies.sizes import size_of
 
