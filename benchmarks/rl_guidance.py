@@ -247,6 +247,7 @@ def page(finals: pd.DataFrame) -> str:
         "",
         "In this table the Learner alone, `transfer` and `transfer-easier` started from SB3's orthogonal initialisation,",
         "and the other conditions did not. Contrasts between the two kinds are confounded with that, and will be run again.",
+        "`ppo_lstm.yml` had 64 worlds, four epochs and other rates for these levels then.",
         "",
         "![Success over frames, a line a seed](success.png)",
     ]
