@@ -1,11 +1,12 @@
 """
 A second device where there is no accelerator: its tensors hold values, live apart from those of the CPU, and say that they are
-on "meta", the only device of torch's that any machine has besides.
+on "meta", the only device of torch's that any machine has besides. It draws from a random stream of its own.
 """
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import Any
+from unittest.mock import patch
 
 import torch as th
 from torch.overrides import TorchFunctionMode
@@ -44,9 +45,53 @@ class Elsewhere(th.Tensor):
     def __repr__(self) -> str:  # type: ignore[override]
         return f"Elsewhere({self.held!r})"
 
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        return self.held.__reduce_ex__(protocol)  # files are read onto the CPU
+
     @classmethod
     def __torch_dispatch__(cls, function: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         return compute(function, args, kwargs or {})
+
+
+class OtherModule:
+    """What ``torch.cuda`` is for CUDA: the device's random stream, and waiting for what it computes."""
+
+    def __init__(self) -> None:
+        self.generator = th.Generator()
+
+    def get_rng_state(self, device: th.device = OTHER) -> th.Tensor:
+        """:return: the state of the device's random stream"""
+        return self.generator.get_state()
+
+    def set_rng_state(self, state: th.Tensor, device: th.device = OTHER) -> None:
+        """
+        :param state: of the device's random stream
+        """
+        self.generator.set_state(state)
+
+    def manual_seed(self, seed: int) -> th.Generator:
+        """
+        Seed the CPU's stream too, as ``torch.manual_seed`` does.
+
+        :param seed: of both
+        :return: the CPU's generator
+        """
+        self.generator.manual_seed(seed)
+        return th.default_generator.manual_seed(seed)
+
+    def synchronize(self) -> None:
+        """Nothing is computed later than it was asked for."""
+
+    @contextmanager
+    def drawing(self) -> Iterator[None]:
+        """Draw from the device's random stream instead of the CPU's."""
+        of_cpu = th.get_rng_state()
+        th.set_rng_state(self.get_rng_state())
+        try:
+            yield
+        finally:
+            self.set_rng_state(th.get_rng_state())
+            th.set_rng_state(of_cpu)
 
 
 def compute(function: Any, args: Any, kwargs: dict[str, Any]) -> Any:
@@ -63,7 +108,9 @@ def compute(function: Any, args: Any, kwargs: dict[str, Any]) -> Any:
     if goes and kwargs.get("generator") is not None:
         raise RuntimeError(f"{function}: expected a generator of the same device")
     held_args, held_kwargs = tree_map_only(Elsewhere, lambda each: each.held, (args, kwargs))
-    result = function(*held_args, **{**held_kwargs, **({} if device is None else {"device": "cpu"})})
+    draws = goes and th.Tag.nondeterministic_seeded in function.tags
+    with th.meta.drawing() if draws else nullcontext():  # type: ignore[attr-defined]
+        result = function(*held_args, **{**held_kwargs, **({} if device is None else {"device": "cpu"})})
     if function is th.ops.aten.copy_.default:
         return args[0]
     if th.Tag.inplace_view in function.tags and goes:
@@ -95,5 +142,11 @@ class Making(TorchFunctionMode):
 @contextmanager
 def other_device() -> Iterator[th.device]:
     """:return: the other device, while it is there"""
-    with Making(), Computing():
+    module = OtherModule()
+    with (
+        patch.object(th, OTHER.type, module, create=True),
+        patch.object(th, "manual_seed", module.manual_seed),
+        Making(),
+        Computing(),
+    ):
         yield OTHER
