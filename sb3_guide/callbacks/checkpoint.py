@@ -6,6 +6,7 @@ import random
 import warnings
 from collections import deque
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -145,7 +146,7 @@ def restore_training(model: OnPolicyAlgorithm, state: dict[str, Any], watchers: 
     """
     assert model.env is not None
     model.policy.load_state_dict(state["policy"])
-    model.policy.optimizer.load_state_dict(state["optimizer"])
+    model.policy.optimizer.load_state_dict(deepcopy(state["optimizer"]))  # torch would train on in these very tensors
     for name, value in state["counters"].items():
         setattr(model, name, value)
     model._last_obs = arrays(state["last_obs"])
