@@ -52,6 +52,7 @@ POLICIES = ("LearnerPolicy", "GuidePolicy", "GuidedLearnerPolicy")
 TRAININGS = ((PPO, "LearnerPolicy"), (RecurrentPPO, "LearnerPolicy"), (RecurrentPPO, "GuidePolicy"))  # whose speed is measured
 ON_ACCELERATORS_ONLY = "paper"  # size that takes minutes a batch on a CPU
 CPU = th.device("cpu")
+RESUMED = 16  # worlds of the training that is resumed, at most
 TOLERANCE = 1e-4  # of values and log-probabilities, and of gradients as a share of their norm
 TOLERANCE_ROUNDED = 0.1  # in cloning, which rounds products to 16 bits
 FASTER = 1.05  # times the frames per second of smaller batches, or larger ones are not tried
@@ -282,7 +283,7 @@ def resumed(algorithm: type[OnPolicyAlgorithm], device: th.device, plan: Plan) -
     :return: largest difference between weights of a training of four rollouts and of one that was killed after two, with all
         that its checkpoint holds and, on an accelerator, without the device's random stream
     """
-    n_envs = plan.worlds[0]
+    n_envs = min(plan.worlds[0], RESUMED)
     build_it = partial(build, algorithm, "GuidePolicy", device, plan, n_envs)
     with TemporaryDirectory() as folder:
         checkpoint = TrainingCheckpoint(Path(folder) / "training.pt", every_n_rollouts=2)
@@ -312,7 +313,7 @@ class Climb:
         self.device, self.left = device, seconds
         self.stopped: str | None = None  # why
         self.best = 0.0  # frames per second
-        self.each = 0.0  # seconds that the last batch took, divided by its size
+        self.took = [(0, 0.0)]  # size of each batch, and its seconds
 
     def step(self, batch: int, measure: Callable[[int, th.device], dict[str, float]]) -> dict[str, Any]:
         """
@@ -320,14 +321,14 @@ class Climb:
         :param measure: of a size and a device, "frames/s" and more
         :return: what was measured, with the peak of the device's memory; or, as "frames/s", why nothing was
         """
-        if self.stopped is None and self.each and self.each * batch > self.left:
+        if self.stopped is None and len(self.took) > 1 and self.expected(batch) > self.left:
             self.stopped = "no time"
         if self.stopped is not None:
             return {"frames/s": self.stopped}
         start = time.perf_counter()
         found = within_memory(partial(measure, batch, self.device), self.device)
-        took = time.perf_counter() - start
-        self.each, self.left = took / batch, self.left - took
+        self.took.append((batch, time.perf_counter() - start))
+        self.left -= self.took[-1][1]
         if found is None:
             self.stopped = "no memory"
             return {"frames/s": self.stopped}
@@ -336,11 +337,16 @@ class Climb:
         self.best = max(self.best, found["frames/s"])
         return found
 
+    def expected(self, batch: int) -> float:
+        """:return: seconds of a batch, if they grow as they did between the last two"""
+        (few, less), (many, more) = self.took[-2:]
+        return more + (more - less) / (many - few) * (batch - many)
+
 
 def within_memory(measure: Callable[[], dict[str, float]], device: th.device) -> dict[str, Any] | None:
     """:return: what was measured, with the peak of the device's memory where torch counts it; None if memory was full"""
     module = module_of(device)
-    counts = hasattr(module, "max_memory_allocated")
+    counts = hasattr(module, "reset_peak_memory_stats")
     gc.collect()  # models hold themselves
     if counts:
         module.empty_cache()
@@ -359,6 +365,7 @@ def side_by_side(
     table: str,
     labels: dict[str, Any],
     measure: Callable[[int, th.device], dict[str, float]],
+    unit: str,
     batches: Sequence[int],
     columns: Sequence[str],
     climbs: dict[str, Climb | None],
@@ -368,6 +375,7 @@ def side_by_side(
 
     :param labels: of the rows
     :param measure: see :meth:`Climb.step`
+    :param unit: what a batch has so many of
     :param batches: their sizes, from small to large
     :param columns: of what is measured on each device
     :param climbs: by the device's name; None where it is not measured
@@ -380,7 +388,7 @@ def side_by_side(
         cells = {f"{name}: {column}": found[name].get(column) for name in climbs for column in columns}
         here, there = (each.get("frames/s") for each in found.values())
         both = isinstance(here, float) and isinstance(there, float)
-        report.add(table, {**labels, "batch": batch, **cells, "times": there / here if both else None})
+        report.add(table, {**labels, unit: batch, **cells, "times": there / here if both else None})
 
 
 class Stopwatch(BaseCallback):
@@ -454,12 +462,12 @@ def compare_speed(report: Report, device: th.device, plan: Plan, demonstrations:
     for algorithm, policy in TRAININGS:
         labels, measure = {"algorithm": algorithm.__name__, "agent": policy}, partial(training_speed, algorithm, policy, plan)
         columns = ("frames/s", "collect, s", "train, s", "GB")
-        ladder = partial(side_by_side, report, "Reinforcement learning", labels, measure, plan.worlds, columns)
+        ladder = partial(side_by_side, report, "Reinforcement learning", labels, measure, "worlds", plan.worlds, columns)
         ladders.append((3, ladder, True))
     for size, agent in product(plan.sizes, AGENTS):
         measure = partial(cloning_speed, agent, size, plan, demonstrations)
         labels = {"agent": agent, "size": size}
-        ladder = partial(side_by_side, report, "Cloning", labels, measure, plan.episodes, ("frames/s", "GB"))
+        ladder = partial(side_by_side, report, "Cloning", labels, measure, "episodes", plan.episodes, ("frames/s", "GB"))
         ladders.append((1, ladder, size != ON_ACCELERATORS_ONLY))
     for index, (share, ladder, on_cpu) in enumerate(ladders):
         seconds = (end - time.perf_counter()) * share / sum(later for later, *_ in ladders[index:])

@@ -10,12 +10,15 @@ import torch as th
 from sb3_contrib import RecurrentPPO
 from stable_baselines3 import A2C, PPO
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+from typer import BadParameter
 
+from benchmarks import accelerator
 from sb3_guide import GuideGridVecEnv, load_agent, load_expert, metrics, save_agent, speak
 from sb3_guide.callbacks import CICCallback, SuccessRateCallback, TrainingCheckpoint, restore_training
 from sb3_guide.callbacks.checkpoint import load_state, random_streams
 from sb3_guide.cloning import Demonstrations, Validation, mission_seeds, play
 from sb3_guide.cloning.bc import episode_bc
+from sb3_guide.files import read_json
 from sb3_guide.language import ablate, ablations, learn, obey, read
 from sb3_guide.policies import AgentPolicy, GuidePolicy, RecurrentGuidePolicy, RecurrentLearnerPolicy
 from sb3_guide.policies.interventions import INTERVENTIONS, Chosen, Marginal, Scene
@@ -194,3 +197,41 @@ def test_metrics():
 
     measured, there = on_both(measure)
     assert measured == pytest.approx(there, abs=1e-6)
+
+
+def test_the_comparison_of_an_accelerator_with_the_cpu_can_be_tried_without_one(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(accelerator, "found_accelerator", lambda: None)
+    accelerator.main(tmp_path / "found.json", seconds=1)
+    tables = read_json(tmp_path / "found.json")["tables"]
+    assert list(tables) == ["Agreement", "Largest difference of weights after a restart", "Reinforcement learning", "Cloning"]
+    agreement, restart, *speeds = tables.values()
+    assert [row["agree"] for row in agreement] == ["yes"] * 9
+    assert [row["resumed"] for row in restart] == [0.0] * 4
+    assert [bool(row["without the device's random stream"]) for row in restart] == [False, True] * 2
+    for table in speeds:
+        assert {row["meta: frames/s"] > 0 for row in table if row.get("worlds", row.get("episodes")) == 2} == {True}
+    printed = capsys.readouterr().out
+    assert "whose times mean nothing" in printed
+    assert printed.count("\n| ") == sum(map(len, tables.values())) + len(tables)
+
+
+def test_batches_grow_until_something_stops_them():
+    def measure(batch: int, device: th.device) -> dict[str, float]:
+        if batch == 64:
+            raise th.cuda.OutOfMemoryError("CUDA out of memory")
+        return {"frames/s": 100.0 * min(batch, most)}
+
+    def climb(seconds: float) -> list[Any]:
+        steps = accelerator.Climb(th.device("cpu"), seconds)
+        return [steps.step(batch, measure)["frames/s"] for batch in (1, 4, 16, 64, 256)]
+
+    most = 64
+    assert climb(60.0) == [100.0, 400.0, 1600.0, "no memory", "no memory"]
+    assert climb(0.0) == [100.0, *["no time"] * 4]
+    most = 4
+    assert climb(60.0) == [100.0, 400.0, 400.0, *["no faster"] * 2]
+
+
+def test_the_cpu_is_not_compared_with_itself(tmp_path):
+    with pytest.raises(BadParameter, match="name an accelerator"):
+        accelerator.main(tmp_path / "found.json", device="cpu")
