@@ -84,7 +84,7 @@ class Plan:
 
 
 # fused updates know real devices only
-TINY = Plan((2, 4), 2, 1, 1, (2, 4), 8, ("compact",), {"optimizer_kwargs": {"eps": 1e-5}})
+TINY = Plan((2,), 2, 1, 1, (2,), 8, ("compact",), {"optimizer_kwargs": {"eps": 1e-5}})
 
 
 class Report:
@@ -321,7 +321,7 @@ class Climb:
         :param measure: of a size and a device, "frames/s" and more
         :return: what was measured, with the peak of the device's memory; or, as "frames/s", why nothing was
         """
-        if self.stopped is None and len(self.took) > 1 and self.expected(batch) > self.left:
+        if self.stopped is None and self.expected(batch) > self.left:
             self.stopped = "no time"
         if self.stopped is not None:
             return {"frames/s": self.stopped}
@@ -338,7 +338,9 @@ class Climb:
         return found
 
     def expected(self, batch: int) -> float:
-        """:return: seconds of a batch, if they grow as they did between the last two"""
+        """:return: seconds of a batch, if they grow as they did between the last two; of the first one, nothing is known"""
+        if len(self.took) == 1:
+            return 0.0
         (few, less), (many, more) = self.took[-2:]
         return more + (more - less) / (many - few) * (batch - many)
 
@@ -371,14 +373,15 @@ def side_by_side(
     climbs: dict[str, Climb | None],
 ) -> None:
     """
-    Add a row for each size of batch, as long as it fits one of the devices.
+    Add a row for each size of batch until both devices have stopped. "times" is how many times as fast as the CPU the device
+    is, "GB" the peak of its memory where torch counts it.
 
     :param labels: of the rows
     :param measure: see :meth:`Climb.step`
     :param unit: what a batch has so many of
     :param batches: their sizes, from small to large
     :param columns: of what is measured on each device
-    :param climbs: by the device's name; None where it is not measured
+    :param climbs: of the CPU and of the device, by name; None where it is not measured
     """
     going = [climb for climb in climbs.values() if climb is not None]
     for batch in batches:
@@ -386,9 +389,10 @@ def side_by_side(
             return
         found = {name: {} if climb is None else climb.step(batch, measure) for name, climb in climbs.items()}
         cells = {f"{name}: {column}": found[name].get(column) for name in climbs for column in columns}
-        here, there = (each.get("frames/s") for each in found.values())
-        both = isinstance(here, float) and isinstance(there, float)
-        report.add(table, {**labels, unit: batch, **cells, "times": there / here if both else None})
+        here, there = found.values()
+        both = all(isinstance(each.get("frames/s"), float) for each in (here, there))
+        times = there["frames/s"] / here["frames/s"] if both else None
+        report.add(table, {**labels, unit: batch, **cells, "times": times, "GB": there.get("GB")})
 
 
 class Stopwatch(BaseCallback):
@@ -461,13 +465,13 @@ def compare_speed(report: Report, device: th.device, plan: Plan, demonstrations:
     ladders: list[tuple[int, Callable[[dict[str, Climb | None]], None], bool]] = []  # each with its share of the time
     for algorithm, policy in TRAININGS:
         labels, measure = {"algorithm": algorithm.__name__, "agent": policy}, partial(training_speed, algorithm, policy, plan)
-        columns = ("frames/s", "collect, s", "train, s", "GB")
+        columns = ("frames/s", "collect, s", "train, s")
         ladder = partial(side_by_side, report, "Reinforcement learning", labels, measure, "worlds", plan.worlds, columns)
         ladders.append((3, ladder, True))
     for size, agent in product(plan.sizes, AGENTS):
         measure = partial(cloning_speed, agent, size, plan, demonstrations)
         labels = {"agent": agent, "size": size}
-        ladder = partial(side_by_side, report, "Cloning", labels, measure, "episodes", plan.episodes, ("frames/s", "GB"))
+        ladder = partial(side_by_side, report, "Cloning", labels, measure, "episodes", plan.episodes, ("frames/s",))
         ladders.append((1, ladder, size != ON_ACCELERATORS_ONLY))
     for index, (share, ladder, on_cpu) in enumerate(ladders):
         seconds = (end - time.perf_counter()) * share / sum(later for later, *_ in ladders[index:])

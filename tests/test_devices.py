@@ -201,7 +201,7 @@ def test_metrics():
 
 def test_the_comparison_of_an_accelerator_with_the_cpu_can_be_tried_without_one(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(accelerator, "found_accelerator", lambda: None)
-    accelerator.main(tmp_path / "found.json", seconds=1)
+    accelerator.main(tmp_path / "found.json", seconds=600)
     tables = read_json(tmp_path / "found.json")["tables"]
     assert list(tables) == ["Agreement", "Largest difference of weights after a restart", "Reinforcement learning", "Cloning"]
     agreement, restart, *speeds = tables.values()
@@ -209,7 +209,7 @@ def test_the_comparison_of_an_accelerator_with_the_cpu_can_be_tried_without_one(
     assert [row["resumed"] for row in restart] == [0.0] * 4
     assert [bool(row["without the device's random stream"]) for row in restart] == [False, True] * 2
     for table in speeds:
-        assert {row["meta: frames/s"] > 0 for row in table if row.get("worlds", row.get("episodes")) == 2} == {True}
+        assert all(row["CPU: frames/s"] > 0 and row["meta: frames/s"] > 0 for row in table)
     printed = capsys.readouterr().out
     assert "whose times mean nothing" in printed
     assert printed.count("\n| ") == sum(map(len, tables.values())) + len(tables)
@@ -228,6 +228,7 @@ def test_batches_grow_until_something_stops_them():
     most = 64
     assert climb(60.0) == [100.0, 400.0, 1600.0, "no memory", "no memory"]
     assert climb(0.0) == [100.0, *["no time"] * 4]
+    assert climb(-1.0) == ["no time"] * 5
     most = 4
     assert climb(60.0) == [100.0, 400.0, 400.0, *["no faster"] * 2]
 
