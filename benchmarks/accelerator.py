@@ -26,6 +26,7 @@ import numpy as np
 import torch as th
 import typer
 from gymnasium import spaces
+from imitation.algorithms.bc import BC
 from imitation.util.logger import HierarchicalLogger
 from sb3_contrib import RecurrentPPO
 from stable_baselines3 import PPO
@@ -39,13 +40,14 @@ from sb3_guide import GuideGridVecEnv, load_expert
 from sb3_guide.callbacks import TrainingCheckpoint, restore_training
 from sb3_guide.callbacks.checkpoint import load_state
 from sb3_guide.cloning import Demonstrations, mission_seeds, play
-from sb3_guide.cloning.bc import EpisodeLoader, EpisodeLoss, episode_bc
+from sb3_guide.cloning.bc import EpisodeLoader, episode_bc
 from sb3_guide.envs import ACTIONS, DEFAULT_HISTORY, observation_space
 from sb3_guide.experiments.stages.clone import AGENTS
 from sb3_guide.files import write_json
 from sb3_guide.policies import AgentPolicy, PretrainedGuide
 from sb3_guide.policies.folder import Description
 from sb3_guide.policies.pretrained import UNTRAINED
+from sb3_guide.policies.products import usual_arithmetic
 
 LEVEL = "GoToLocal"
 POLICIES = ("LearnerPolicy", "GuidePolicy", "GuidedLearnerPolicy")
@@ -53,8 +55,7 @@ TRAININGS = ((PPO, "LearnerPolicy"), (RecurrentPPO, "LearnerPolicy"), (Recurrent
 ON_ACCELERATORS_ONLY = "paper"  # size that takes minutes a batch on a CPU
 CPU = th.device("cpu")
 RESUMED = 16  # worlds of the training that is resumed, at most
-TOLERANCE = 1e-4  # of values and log-probabilities, and of gradients as a share of their norm
-TOLERANCE_ROUNDED = 0.1  # in cloning, which rounds products to 16 bits
+TOLERANCES = {"float32": 1e-4, "bfloat16": 0.1}  # of values and log-probabilities, and of gradients as a share of their norm
 FASTER = 1.05  # times the frames per second of smaller batches, or larger ones are not tried
 
 
@@ -163,6 +164,22 @@ def cloned_policy(agent: str, size: str, device: th.device) -> AgentPolicy:
     return AGENTS[agent](observation_space(0), spaces.Discrete(len(ACTIONS)), lambda _: 1e-3, size=size, **kwargs).to(device)
 
 
+def cloning(
+    policy: AgentPolicy, demonstrations: Demonstrations, n_episodes: int, arithmetic: str | None = None
+) -> tuple[BC, EpisodeLoader]:
+    """:return: what clones batches of so many episodes, and its loader"""
+    return episode_bc(
+        policy,
+        demonstrations,
+        batch_size=n_episodes,
+        learning_rate=1e-3,
+        ent_weight=0.01,
+        seed=0,
+        arithmetic=arithmetic,
+        logger=HierarchicalLogger(Logger(folder=None, output_formats=[])),
+    )
+
+
 @th.no_grad()
 def disturb(policy: AgentPolicy) -> None:
     """Move the weights away from where they begin, which is where all messages are equally probable."""
@@ -189,13 +206,15 @@ def computed_by_ppo(model: OnPolicyAlgorithm, batch: Any) -> dict[str, th.Tensor
     return {name: part.detach().cpu() for name, part in found.items()}
 
 
-def computed_by_cloning(policy: AgentPolicy, batch: dict[str, Any]) -> dict[str, th.Tensor]:
+def computed_by_cloning(algorithm: BC, batch: dict[str, Any]) -> dict[str, th.Tensor]:
     """
-    :param batch: of an :class:`~sb3_guide.cloning.bc.EpisodeLoader`
+    :param algorithm: whose policy computes
+    :param batch: of its loader
     :return: the loss and its gradient, both on the CPU
     """
+    policy = algorithm.policy
     obs = {name: th.as_tensor(part).to(policy.device) for name, part in batch["obs"].items()}
-    loss = EpisodeLoss(0.01, th.Generator().manual_seed(0))(policy, obs, th.as_tensor(batch["acts"]).to(policy.device)).loss
+    loss = algorithm.loss_calculator(policy, obs, th.as_tensor(batch["acts"]).to(policy.device)).loss
     loss.backward()
     return {"outputs": loss.detach().cpu(), "gradient": gradient(policy).cpu()}
 
@@ -214,7 +233,7 @@ def add_agreement(report: Report, labels: dict[str, str], here: dict[str, th.Ten
     """
     off = {name: (there[name] - value).abs().max().item() for name, value in here.items()}
     off["gradient"] = ((there["gradient"] - here["gradient"]).norm() / here["gradient"].norm()).item()
-    tolerance = TOLERANCE_ROUNDED if labels["algorithm"] == "cloning" else TOLERANCE
+    tolerance = TOLERANCES[labels["arithmetic"]]
     agree = all(each <= tolerance for each in off.values())
     columns = {name: off.get(name) for name in ("outputs", "messages", "gradient")}
     report.add("Agreement", {**labels, **columns, "tolerance": tolerance, "agree": "yes" if agree else "NO"})
@@ -232,8 +251,8 @@ def full_precision() -> Iterator[None]:
         th.backends.cudnn.allow_tf32 = usual
 
 
-def compare_values(report: Report, device: th.device, plan: Plan, demonstrations: Demonstrations) -> bool:
-    """:return: whether CPU and device compute the same from the same weights and batches, forward and backward"""
+def compare_learning(report: Report, device: th.device, plan: Plan) -> bool:
+    """:return: whether CPU and device compute the same from the same weights and batches, forward and backward, for PPO"""
     agreed = []
     for algorithm, policy in product((PPO, RecurrentPPO), POLICIES):
         here, there = (build(algorithm, policy, each, plan, plan.worlds[0]) for each in (CPU, device))
@@ -246,14 +265,23 @@ def compare_values(report: Report, device: th.device, plan: Plan, demonstrations
         if algorithm is RecurrentPPO:
             there._last_lstm_states = moved(here._last_lstm_states, device)
         results = computed_by_ppo(here, batch), computed_by_ppo(there, moved(batch, device))
-        agreed.append(add_agreement(report, {"algorithm": algorithm.__name__, "agent": policy}, *results))
-    batch = next(iter(EpisodeLoader(demonstrations.episodes, plan.episodes[0], seed=0)))
-    for agent in AGENTS:
-        policies = [cloned_policy(agent, "compact", CPU), cloned_policy(agent, "compact", device)]
-        disturb(policies[0])
-        policies[1].load_state_dict(policies[0].state_dict())
-        results = (computed_by_cloning(each, batch) for each in policies)
-        agreed.append(add_agreement(report, {"algorithm": "cloning", "agent": agent}, *results))
+        labels = {"algorithm": algorithm.__name__, "agent": policy, "arithmetic": "float32"}
+        agreed.append(add_agreement(report, labels, *results))
+    return all(agreed)
+
+
+def compare_cloning(report: Report, device: th.device, plan: Plan, demonstrations: Demonstrations) -> bool:
+    """:return: the same of cloning, in either arithmetic"""
+    agreed = []
+    for agent, arithmetic in product(AGENTS, TOLERANCES):
+        here, there = (cloned_policy(agent, "compact", each) for each in (CPU, device))
+        disturb(here)
+        there.load_state_dict(here.state_dict())
+        found = []
+        for policy in (here, there):
+            algorithm, loader = cloning(policy, demonstrations, plan.episodes[0], arithmetic)
+            found.append(computed_by_cloning(algorithm, next(iter(loader))))
+        agreed.append(add_agreement(report, {"algorithm": "cloning", "agent": agent, "arithmetic": arithmetic}, *found))
     return all(agreed)
 
 
@@ -441,15 +469,7 @@ def cloning_speed(
     n_batches = max(2, plan.n_demonstrations // (8 * n_episodes))
     chosen = np.resize(np.arange(len(demonstrations.episodes)), n_batches * n_episodes)
     repeated = Demonstrations(demonstrations.episodes.select(chosen), LEVEL, {})
-    algorithm, _ = episode_bc(
-        cloned_policy(agent, size, device),
-        repeated,
-        batch_size=n_episodes,
-        learning_rate=1e-3,
-        ent_weight=0.01,
-        seed=0,
-        logger=HierarchicalLogger(Logger(folder=None, output_formats=[])),
-    )
+    algorithm, _ = cloning(cloned_policy(agent, size, device), repeated, n_episodes)
     for _ in range(2):
         module_of(device).synchronize()
         start = time.perf_counter()
@@ -488,16 +508,18 @@ def measure_all(device: th.device, plan: Plan, seconds: float, out: Path) -> boo
     :return: whether the values agree, and the CPU's resumed training is the same
     """
     end = time.perf_counter() + seconds
-    name = getattr(module_of(device), "get_device_name", str)(device)
-    report = Report(out, {"device": name, "threads": th.get_num_threads(), "seconds": seconds, "versions": versions()})
-    print(f"{name} beside {th.get_num_threads()} threads of the CPU")
+    name, threads = getattr(module_of(device), "get_device_name", str)(device), th.get_num_threads()
+    cloned_in = {each.type: usual_arithmetic(each) for each in (CPU, device)}
+    about = {"device": name, "threads": threads, "cloned in": cloned_in, "seconds": seconds, "versions": versions()}
+    report = Report(out, about)
+    print(f"{name} beside {threads} threads of the CPU; cloning in {cloned_in[device.type]} beside {cloned_in['cpu']}")
     episodes = play(load_expert(LEVEL).policy, LEVEL, mission_seeds("train", plan.n_demonstrations))
     demonstrations = Demonstrations(episodes.select(np.flatnonzero(episodes.successes)), LEVEL, {})
     with full_precision():
-        agree = compare_values(report, device, plan, demonstrations)
+        agree = [compare_learning(report, device, plan), compare_cloning(report, device, plan, demonstrations)]
     exact = compare_resumed(report, device, plan)
     compare_speed(report, device, plan, demonstrations, end)
-    return agree and exact
+    return all(agree) and exact
 
 
 def main(

@@ -205,7 +205,7 @@ def test_the_comparison_of_an_accelerator_with_the_cpu_can_be_tried_without_one(
     tables = read_json(tmp_path / "found.json")["tables"]
     assert list(tables) == ["Agreement", "Largest difference of weights after a restart", "Reinforcement learning", "Cloning"]
     agreement, restart, *speeds = tables.values()
-    assert [row["agree"] for row in agreement] == ["yes"] * 9
+    assert [row["agree"] for row in agreement] == ["yes"] * 12
     assert [row["resumed"] for row in restart] == [0.0] * 4
     assert [bool(row["without the device's random stream"]) for row in restart] == [False, True] * 2
     for table in speeds:
