@@ -1,6 +1,7 @@
 """Frames of several episodes (or windows of them) without padding."""
 
-from functools import cache, reduce
+from dataclasses import dataclass
+from functools import cache, cached_property, reduce
 from typing import NamedTuple
 
 import torch as th
@@ -42,18 +43,24 @@ def frames(observations: Observations) -> Sequences:
     return Sequences(images, missions_of(observations), th.ones(len(images), dtype=th.long, device=images.device))
 
 
-class Windows(NamedTuple):
+@dataclass(frozen=True)
+class Windows:
     """
     What a window policy remembers of B worlds: the last T images of each, the present one last.
 
     :param images: (B, T, ...)
     :param missions: (B, words)
-    :param began: (B, T) bool, which images belong to the episode; those before it began are left out
     """
 
     images: th.Tensor
     missions: th.Tensor
-    began: th.Tensor
+
+    @cached_property
+    def began(self) -> th.Tensor:
+        """(B, T) bool, which images belong to the episode: the first that is not blank, those after it and the present one."""
+        began = self.images.flatten(2).any(dim=-1).cumsum(dim=1) > 0
+        began[:, -1] = True
+        return began
 
     def sequences(self) -> Sequences:
         """:return: the same without what was before the episodes began"""
@@ -73,9 +80,7 @@ def windows(observations: Observations) -> Windows:
         if history.shape[2:] != images.shape[2:]:
             history = history.movedim(-1, 2)  # SB3 turns a picture to have its channels first, but not the pictures before it
         images = th.cat([history, images], dim=1)
-    began = images.flatten(2).any(dim=-1).cumsum(dim=1) > 0  # (B, n + 1)
-    began[:, -1] = True
-    return Windows(images, missions_of(observations), began)
+    return Windows(images, missions_of(observations))
 
 
 def unpadded(observations: Observations, n_seq: int) -> tuple[Sequences, th.Tensor]:
