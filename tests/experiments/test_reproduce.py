@@ -34,9 +34,13 @@ def workflow(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return snakefile
 
 
+COMPILED = ("true",)  # instead of the process that compiles the engine
+
+
 @pytest.fixture(autouse=True)
 def fake_stages(workflow: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "SNAKEFILE", workflow)
+    monkeypatch.setattr(module, "COMPILE", COMPILED)
 
 
 @pytest.fixture(scope="session")
@@ -45,6 +49,7 @@ def undisturbed(workflow: Path, tmp_path_factory: pytest.TempPathFactory) -> dic
     folder = tmp_path_factory.mktemp("undisturbed")
     with pytest.MonkeyPatch.context() as monkeypatch:
         monkeypatch.setattr(module, "SNAKEFILE", workflow)
+        monkeypatch.setattr(module, "COMPILE", COMPILED)
         reproduce("stages", ["GoToObj"], seeds=1, cores=2, out=folder)
     return summary_of(folder)
 
@@ -60,7 +65,7 @@ def start(workflow: Path, folder: Path, seconds: float) -> "subprocess.Popen[byt
     code = (
         "from pathlib import Path; from sb3_guide.experiments.reproduce import reproduce;"
         "from sb3_guide.experiments.workflow import running as module;"
-        f"module.SNAKEFILE = Path({str(workflow)!r}); reproduce('stages', ['GoToObj'], 1, 2, Path({str(folder)!r}))"
+        f"module.SNAKEFILE, module.COMPILE = Path({str(workflow)!r}), {COMPILED!r}; reproduce('stages', ['GoToObj'], 1, 2, Path({str(folder)!r}))"
     )
     environment = {**os.environ, "FAKE_SECONDS": str(seconds)}
     make = ["sh", "-c", '"$@"; exit $?', "make", sys.executable, "-c", code]
@@ -180,6 +185,27 @@ def test_a_failing_stage_shows_the_end_of_its_log(
     monkeypatch.delenv("FAKE_FAILURE")
     reproduce("stages", ["GoToObj"], seeds=1, cores=2, out=tmp_path)
     assert (tmp_path / "report.html").exists()
+
+
+def test_that_the_engine_compiles_is_told_and_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(module, "COMPILE", ("sh", "-c", "echo compiling the engine; sleep 2"))
+    reproduce("stages", ["GoToObj"], seeds=1, cores=2, out=tmp_path)
+    out, err = capsys.readouterr()
+    assert "compiling the engine\nengine: compiled in" in re.sub(r"GoToObj/.*\n", "", err)
+    assert "compiling the engine, once on this machine, 0:0" in out
+    assert re.search(r"The run took 0:\d\d .*Expert \(stage 1\) 0:2\d", out)
+
+
+def test_an_engine_that_does_not_compile_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(module, "COMPILE", ("sh", "-c", "echo no compiler; exit 1"))
+    reproduce(
+        "stages", ["GoToObj"], seeds=1, cores=2, out=tmp_path
+    )  # the stages, which would try themselves, don't need it here
+    assert f"engine: did not compile, see {tmp_path / 'log' / 'engine.log'}" in capsys.readouterr().err
 
 
 def test_a_study_of_channels_ends_with_its_page(tmp_path: Path) -> None:
