@@ -65,7 +65,8 @@ def start(workflow: Path, folder: Path, seconds: float) -> "subprocess.Popen[byt
     code = (
         "from pathlib import Path; from sb3_guide.experiments.reproduce import reproduce;"
         "from sb3_guide.experiments.workflow import running as module;"
-        f"module.SNAKEFILE, module.COMPILE = Path({str(workflow)!r}), {COMPILED!r}; reproduce('stages', ['GoToObj'], 1, 2, Path({str(folder)!r}))"
+        f"module.SNAKEFILE, module.COMPILE = Path({str(workflow)!r}), {COMPILED!r};"
+        f"reproduce('stages', ['GoToObj'], 1, 2, Path({str(folder)!r}))"
     )
     environment = {**os.environ, "FAKE_SECONDS": str(seconds)}
     make = ["sh", "-c", '"$@"; exit $?', "make", sys.executable, "-c", code]
