@@ -16,7 +16,7 @@ from sb3_guide.cloning.demonstrations import Demonstrations, check_space
 from sb3_guide.cloning.episodes import Episodes
 from sb3_guide.policies import AgentPolicy
 from sb3_guide.policies.memory import scene_of
-from sb3_guide.policies.products import rounded_products
+from sb3_guide.policies.products import check_arithmetic, computing_in, usual_arithmetic
 from sb3_guide.policies.sequences import Sequences, padded
 
 
@@ -67,10 +67,12 @@ class EpisodeLoss:
 
     :param ent_weight: weight of the entropy of the actions
     :param generator: of the messages' noise
+    :param arithmetic: of large matrix products, "float32" or "bfloat16"
     """
 
     ent_weight: float
     generator: th.Generator
+    arithmetic: str
 
     def __call__(
         self, policy: RecurrentActorCriticPolicy, obs: Mapping[str, th.Tensor], acts: th.Tensor
@@ -82,7 +84,7 @@ class EpisodeLoss:
         """
         valid = th.arange(acts.shape[1], device=acts.device) < obs["length"].unsqueeze(1)
         sequences = Sequences(obs["image"][valid], obs["mission"], obs["length"])
-        with rounded_products():
+        with computing_in(self.arithmetic):
             distribution = distribution_along(policy, sequences, valid, self.generator)
         log_prob, entropy = distribution.log_prob(acts[valid]), distribution.entropy()
         assert entropy is not None  # of a categorical distribution
@@ -129,6 +131,7 @@ def episode_bc(
     learning_rate: float,
     ent_weight: float,
     seed: int,
+    arithmetic: str | None = None,
     logger: imitation_logger.HierarchicalLogger | None = None,
 ) -> tuple[bc.BC, EpisodeLoader]:
     """
@@ -140,10 +143,15 @@ def episode_bc(
     :param learning_rate: of Adam, whose other settings are the paper's (Table A.2)
     :param ent_weight: weight of the entropy of the actions
     :param seed: of the order of the episodes and of the messages' noise
+    :param arithmetic: of large matrix products, "float32" or "bfloat16"; None takes bfloat16 where the policy is on a CPU that
+        has units for it, and float32 elsewhere
     :param logger: imitation's; None makes a new one
     :return: the algorithm and its loader, which counts its epochs
-    :raises ValueError: if the demonstrations are of another observation space or fewer than a batch, or the memory is a window
+    :raises ValueError: if the demonstrations are of another observation space or fewer than a batch, the memory is a window,
+        or there is no such arithmetic
     """
+    arithmetic = usual_arithmetic(policy.device) if arithmetic is None else arithmetic
+    check_arithmetic(arithmetic)
     if isinstance(policy, AgentPolicy) and not policy.carries_memory:
         raise ValueError(
             f"{type(policy).__name__} remembers windows: expected Recurrent{type(policy).__name__} to clone episodes"
@@ -164,6 +172,6 @@ def episode_bc(
         device=policy.device,
         custom_logger=logger,
     )
-    algorithm.loss_calculator = EpisodeLoss(ent_weight, th.Generator().manual_seed(seed))
+    algorithm.loss_calculator = EpisodeLoss(ent_weight, th.Generator().manual_seed(seed), arithmetic)
     policy.set_training_mode(True)
     return algorithm, loader

@@ -17,6 +17,7 @@ def pretrain(
     learning_rate: float = 1e-3,
     ent_weight: float = 0.01,
     seed: int = 0,
+    arithmetic: str | None = None,
 ) -> None:
     """
     Clone demonstrations into a model of sb3-contrib's RecurrentPPO; ``model.learn`` then goes on from there. Its logger, the
@@ -31,6 +32,7 @@ def pretrain(
     :param learning_rate: of imitation's Adam
     :param ent_weight: weight of the entropy of the actions
     :param seed: of the order of the episodes and of messages
+    :param arithmetic: see :func:`~sb3_guide.cloning.bc.episode_bc`
     :raises ValueError: if the policy has no memory, the demonstrations are of another observation space or too few
     """
     if not hasattr(model, "_logger"):
@@ -42,6 +44,7 @@ def pretrain(
         learning_rate=learning_rate,
         ent_weight=ent_weight,
         seed=seed,
+        arithmetic=arithmetic,
         logger=HierarchicalLogger(model.logger),
     )
     algorithm.train(n_epochs=n_epochs, progress_bar=False, log_interval=len(loader))

@@ -18,12 +18,13 @@ KINDS = 4096  # of cells, up to which each that there may be has an embedding of
 SMALLEST = 8  # pixels on a side, to which convolutions reduce pictures
 PIXEL_CHANNELS = (16, 32)  # after the first convolution, and after all others
 PICTURES_AT_ONCE = 1024  # bounds the memory that whole sets of episodes take
+FEW_FRAMES = 512  # up to which looking for equal ones costs more than it saves
+FEW_WORDS = 2048  # in missions, up to which reading them all at once costs less than reading each beginning once
 
 
 class InstructionEncoder(nn.Module):
     """
-    Embedding and GRU over a mission's words: the hidden state after its last word. Missions begin alike, so each beginning is
-    read once.
+    Embedding and GRU over a mission's words: the hidden state after its last word.
 
     :param vocabulary_size: number of word ids, 0 being padding
     :param size: widths
@@ -40,10 +41,28 @@ class InstructionEncoder(nn.Module):
         :return: (N, instruction)
         """
         words, missions = missions.unique(return_inverse=True)  # those that occur, and each as the number of one of them
-        gates, read = input_gates(self.embedding(words), self.gru), (words[missions] > 0).any(dim=0)  # (words,) columns
-        longest = int((read * th.arange(1, len(read) + 1, device=read.device)).max())
+        gates, is_word = input_gates(self.embedding(words), self.gru), (words > 0)[missions]
+        columns = is_word.any(dim=0).nonzero()
+        longest = int(columns[-1]) + 1 if len(columns) else 1
+        if len(missions) * longest > FEW_WORDS:
+            return self._by_beginnings(words, missions[:, :longest], gates)
+        hidden = gates.new_zeros(len(missions), self.gru.hidden_size)
+        is_word[:, 0] = True  # an empty mission is read as one word of padding
+        for word, counts in zip(missions[:, :longest].t(), is_word[:, :longest].t(), strict=True):
+            hidden = th.where(counts.unsqueeze(1), next_hidden(gates[word], hidden, self.gru), hidden)
+        return hidden
+
+    def _by_beginnings(self, words: th.Tensor, missions: th.Tensor, gates: th.Tensor) -> th.Tensor:
+        """
+        Many missions begin alike, so each beginning is read once.
+
+        :param words: (W,) that occur
+        :param missions: (N, L) numbers of words
+        :param gates: (W, 3 * instruction) what each word adds to the gates
+        :return: (N, instruction)
+        """
         hidden, beginning = gates.new_zeros(1, self.gru.hidden_size), missions.new_zeros(len(missions))
-        for step, word in enumerate(missions[:, : max(longest, 1)].t()):
+        for step, word in enumerate(missions.t()):
             beginnings, beginning = (beginning * len(words) + word).unique(return_inverse=True)
             before, last = hidden[beginnings // len(words)], beginnings % len(words)
             after = next_hidden(gates[last], before, self.gru)
@@ -143,27 +162,31 @@ class CompactVision(Vision):
             self.register_buffer("base", th.tensor(values), persistent=False)
 
     def whole_view(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
-        cells = images.flatten(1, 2).long()  # (N, cells, channels)
         weight, bias = self.convolution.parameters()
         if self.whole is None:
+            cells = images.flatten(1, 2).long()  # (N, cells, channels)
             return transform(self.modulated_each(cells, instructions, row).flatten(1), weight, bias)
-        numbers = (cells * self.place_value).sum(dim=-1)
-        return transform_looked_up(*self.modulated_kinds(numbers, self.whole, instructions, row), weight, bias)
+        return transform_looked_up(*self.modulated_kinds(self.kinds(images), instructions, row), weight, bias)
 
-    def modulated_kinds(
-        self, cells: th.Tensor, whole: nn.Embedding, instructions: th.Tensor, row: th.Tensor
-    ) -> tuple[th.Tensor, th.Tensor]:
+    def kinds(self, images: th.Tensor) -> th.Tensor:
+        """
+        :param images: (..., height, width, channels)
+        :return: (..., cells) the channels of each cell as one number
+        """
+        return (images.long() * self.place_value).sum(dim=-1).flatten(-2)
+
+    def modulated_kinds(self, cells: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> tuple[th.Tensor, th.Tensor]:
         """
         Few kinds of cells occur, so each is modulated once by each instruction, to be looked up after that.
 
         :param cells: (N, cells) the channels of each as one number
-        :param whole: embedding of that
         :return: a table of modulated cells (R, view), and which of its rows each cell of each image is (N, cells)
         """
-        occurs = th.zeros(whole.num_embeddings, dtype=th.bool, device=cells.device)
+        assert self.whole is not None
+        occurs = th.zeros(self.whole.num_embeddings, dtype=th.bool, device=cells.device)
         occurs[cells.flatten()] = True
         kinds = occurs.nonzero().squeeze(1)  # (U,)
-        embedded = whole(kinds) + self.embed(kinds.unsqueeze(1) // self.place_value % self.base)
+        embedded = self.whole(kinds) + self.embed(kinds.unsqueeze(1) // self.place_value % self.base)
         cell = self.film_cells.all_pairs(embedded, instructions).relu_()  # (M, U, cell)
         table = self.film_mixed.all_pairs(self.mix(cell), instructions).relu_()  # (M, U, view)
         return table.flatten(0, 1), row.unsqueeze(1) * len(kinds) + (occurs.cumsum(0) - 1)[cells]
@@ -317,7 +340,7 @@ class FiLMExtractor(BaseFeaturesExtractor):
 
     def encode(self, sequences: Sequences) -> tuple[th.Tensor, th.Tensor]:
         """
-        Encode each distinct mission and each distinct frame, which is an image with a mission, once.
+        Encode each distinct mission once and, of many frames, each distinct one, which is an image with a mission.
 
         :param sequences: B sequences of K frames in all
         :return: features of the distinct frames (U, features_dim), and which of them belongs to each frame (K,)
@@ -325,16 +348,48 @@ class FiLMExtractor(BaseFeaturesExtractor):
         """
         images, missions, lengths = sequences
         representatives, kind = distinct(missions)
-        spoken = missions[representatives]
-        check_values("missions", spoken, (self.instruction.embedding.num_embeddings,))
-        instructions = self.instruction(spoken.long())
+        instructions = self.instruct(missions[representatives])
         mission_of_image = kind.repeat_interleave(lengths)
+        if len(images) <= FEW_FRAMES:
+            every = th.arange(len(images), device=images.device)
+            return self.vision(self.cells_or_pixels(images), instructions, mission_of_image), every
         looks = images.flatten(1) if self.picture.values is not None else distinct(bits(images))[1].unsqueeze(1)
         shown, position = distinct(looks, mission_of_image.unsqueeze(1))
-        seen = images[shown].movedim(1, -1) if self.picture.channels_first else images[shown]
+        return self.vision(self.cells_or_pixels(images[shown]), instructions, mission_of_image[shown]), position
+
+    def encode_worlds(self, images: th.Tensor, missions: th.Tensor) -> th.Tensor:
+        """
+        The same of as many frames in each world.
+
+        :param images: (B, T, ...)
+        :param missions: (B, words)
+        :return: (B, T, features_dim)
+        :raises ValueError: if there are no such words or cells
+        """
+        lengths = th.full((len(images),), images.shape[1], device=images.device)
+        features, position = self.encode(Sequences(images.flatten(0, 1), missions, lengths))
+        return features[position].unflatten(0, images.shape[:2])
+
+    def instruct(self, missions: th.Tensor) -> th.Tensor:
+        """
+        :param missions: (M, words)
+        :return: (M, instruction)
+        :raises ValueError: if there are no such words
+        """
+        check_values("missions", missions, (self.instruction.embedding.num_embeddings,))
+        instructions: th.Tensor = self.instruction(missions.long())
+        return instructions
+
+    def cells_or_pixels(self, images: th.Tensor) -> th.Tensor:
+        """
+        :param images: (..., height, width, channels), or with their channels first where SB3 turned them
+        :return: the same with their channels last
+        :raises ValueError: if there are no such cells
+        """
+        seen = images.movedim(-3, -1) if self.picture.channels_first else images
         if self.picture.values is not None:
             check_values("cells of images", seen, self.picture.values)
-        return self.vision(seen, instructions, mission_of_image[shown]), position
+        return seen
 
 
 def bits(images: th.Tensor) -> th.Tensor:

@@ -2,7 +2,7 @@
 
 import torch as th
 from torch import nn
-from torch.nn.functional import embedding
+from torch.nn.functional import embedding, linear
 
 from sb3_guide.policies.interventions import Scene
 from sb3_guide.policies.products import rounds, transform
@@ -10,6 +10,7 @@ from sb3_guide.policies.through_time import WIDE, ThroughTime
 
 State = tuple[th.Tensor, th.Tensor]  # h and c of shape (1, B, hidden) each
 FEW = 24  # sequences, up to which padding costs less than steps of our own
+SHORT = 8  # frames in a window, up to which calling torch's cell for each costs less than preparing its whole layer
 
 
 class Memory(nn.Module):
@@ -50,8 +51,29 @@ class Memory(nn.Module):
         :param state: before it
         :return: the output (B, hidden) and the state after it
         """
-        output, state = self.lstm(features.unsqueeze(1), state)
-        return output.squeeze(1), state
+        h, c = th.lstm_cell(features, (state[0].squeeze(0), state[1].squeeze(0)), *self.lstm.parameters())
+        return h, (h.unsqueeze(0), c.unsqueeze(0))
+
+    def last_of_windows(self, features: th.Tensor, began: th.Tensor) -> th.Tensor:
+        """
+        As :meth:`last`, of short windows, step by step.
+
+        :param features: (B, T, features_dim)
+        :param began: (B, T) bool, from when on frames count
+        :return: the output at the last frame (B, hidden)
+        """
+        input_weight, weight, input_bias, bias = self.lstm.parameters()
+        # gates of minus infinity keep the state at zero until the episode begins
+        inputs = linear(features, input_weight, input_bias + bias).masked_fill(~began.unsqueeze(2), -th.inf)
+        h = c = features.new_zeros(len(features), self.hidden)
+        for step, gates in enumerate(inputs.unbind(dim=1)):
+            if step:
+                gates = th.addmm(gates, h, weight.t())
+            put, keep, _, show = gates.sigmoid().chunk(4, dim=1)
+            new = gates[:, 2 * self.hidden : 3 * self.hidden].tanh()
+            c = th.addcmul(put * new, keep, c) if step else put * new
+            h = show * c.tanh()
+        return h
 
     def last(self, features: th.Tensor, position: th.Tensor, lengths: th.Tensor) -> th.Tensor:
         """

@@ -9,10 +9,10 @@ from gymnasium import spaces
 from torch import nn
 
 from sb3_guide.policies.channel import MessageDecoder, MessageEncoder, MessageShape
-from sb3_guide.policies.film import FiLMExtractor
+from sb3_guide.policies.film import FEW_FRAMES, FiLMExtractor
 from sb3_guide.policies.interventions import Intervention, Scene
-from sb3_guide.policies.memory import Memory, State
-from sb3_guide.policies.sequences import Observations, Sequences, windows
+from sb3_guide.policies.memory import SHORT, Memory, State
+from sb3_guide.policies.sequences import Observations, Sequences, Windows, windows
 from sb3_guide.policies.sizes import size_of
 
 
@@ -69,6 +69,13 @@ class AgentNetwork(nn.Module):
         """
         raise NotImplementedError
 
+    def look_back(self, windows: Windows) -> th.Tensor:
+        """
+        :param windows: of B worlds, with what was before their episodes
+        :return: as :meth:`recall`
+        """
+        raise NotImplementedError
+
     def latent(self, memory: th.Tensor, scene: Scene, generator: th.Generator | None = None) -> Latent:
         """
         :param memory: (K, state_size)
@@ -85,8 +92,8 @@ class AgentNetwork(nn.Module):
         """
         seen = windows(observations)
         return self.latent(
-            self.recall(seen),
-            Scene(th.arange(len(seen.lengths), device=seen.lengths.device), lambda: self._recall_before(seen)),
+            self.look_back(seen),
+            Scene(th.arange(len(seen.images), device=seen.images.device), lambda: self._recall_before(seen.sequences())),
         )
 
     def _recall_before(self, seen: Sequences) -> th.Tensor:
@@ -117,11 +124,17 @@ class Learner(AgentNetwork):
         return self.memory(*self.film.encode(sequences), sequences.lengths, state)
 
     def step(self, frames: Sequences, state: State) -> tuple[th.Tensor, State]:
-        features, position = self.film.encode(frames)
-        return self.memory.step(features[position], state)
+        features = self.film.encode_worlds(frames.images.unsqueeze(1), frames.missions)
+        return self.memory.step(features.squeeze(1), state)
 
     def recall(self, windows: Sequences) -> th.Tensor:
         return self.memory.last(*self.film.encode(windows), windows.lengths)
+
+    def look_back(self, windows: Windows) -> th.Tensor:
+        images, missions, began = windows
+        if began.numel() > FEW_FRAMES or began.shape[1] > SHORT:
+            return self.recall(windows.sequences())
+        return self.memory.last_of_windows(self.film.encode_worlds(images, missions), began)
 
     def latent(self, memory: th.Tensor, scene: Scene, generator: th.Generator | None = None) -> Latent:
         return Latent(memory, memory, lambda: memory)
@@ -243,6 +256,9 @@ class Guide(GuideNetwork):
     def recall(self, windows: Sequences) -> th.Tensor:
         return self.speaker.recall(windows)
 
+    def look_back(self, windows: Windows) -> th.Tensor:
+        return self.speaker.look_back(windows)
+
     def speaker_memory(self, memory: th.Tensor) -> th.Tensor:
         return memory
 
@@ -295,6 +311,9 @@ class GuidedLearner(GuideNetwork):
 
     def recall(self, windows: Sequences) -> th.Tensor:
         return th.cat([self.learner.recall(windows), self.speaker.recall(windows)], dim=-1)
+
+    def look_back(self, windows: Windows) -> th.Tensor:
+        return th.cat([self.learner.look_back(windows), self.speaker.look_back(windows)], dim=-1)
 
     def _split(self, state: State) -> tuple[State, State]:
         """:return: the Learner's and the speaker's state"""

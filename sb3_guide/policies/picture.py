@@ -113,7 +113,8 @@ def check_values(what: str, values: th.Tensor, counts: Sequence[int]) -> None:
     :raises ValueError: if there are others
     """
     # row by row first, which torch does several at once; as numbers, for 256 is 0 to a tensor of bytes
-    low, highest = values.amin().item(), values.flatten(1).amax(dim=0).reshape(-1, len(counts)).amax(dim=0)
+    highest = values.flatten(1).amax(dim=0).reshape(-1, len(counts)).amax(dim=0)
+    low = 0 if values.dtype == th.uint8 else values.amin().item()
     broken = values.is_floating_point() and values.frac().any()
     for high, count in zip(highest.cpu().tolist(), counts, strict=True):
         if low < 0 or high >= count or broken:

@@ -1,13 +1,21 @@
-"""Matrix products of 16 bits, summed up in 32: four times as fast on a core that knows bfloat16."""
+"""
+Matrix products of 16 bits, summed up in 32: four times as fast on a core with units for bfloat16, and several times slower on
+any other, where they are emulated. So the processor decides.
+"""
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
 
 import torch as th
+from llvmlite.binding import get_host_cpu_features
 from torch.nn.functional import linear
 
+ARITHMETICS = ("float32", "bfloat16")
+UNITS = ("avx512bf16", "amx-bf16")  # that multiply bfloat16, as LLVM names them
+WITHOUT_UNITS = ("SSE41", "AVX", "AVX2", "AVX2_VNNI", "AVX2_VNNI_2", "AVX512_CORE", "AVX512_CORE_VNNI")  # as oneDNN names them
 ROUNDED = th.bfloat16
 MANY = 128  # rows from which on rounding them costs less than it saves
 SIZES_AN_OCTAVE = 8  # of numbers of rows: a kernel for one more of them takes longer to make than to run
@@ -15,13 +23,38 @@ SIZES_AN_OCTAVE = 8  # of numbers of rows: a kernel for one more of them takes l
 _rounds: ContextVar[bool] = ContextVar("rounds", default=False)
 
 
+def has_units() -> bool:
+    """
+    :return: whether this processor multiplies bfloat16 in hardware, and torch's oneDNN may use that: the environment variable
+        ONEDNN_MAX_CPU_ISA can forbid it
+    """
+    features = get_host_cpu_features()
+    allowed = os.environ.get("ONEDNN_MAX_CPU_ISA", "").upper() not in WITHOUT_UNITS
+    return allowed and any(features.get(unit, False) for unit in UNITS)
+
+
+def usual_arithmetic(device: th.device) -> str:
+    """:return: "bfloat16" on a CPU with units for it, "float32" elsewhere; always the same on the same machine"""
+    return "bfloat16" if device.type == "cpu" and has_units() else "float32"
+
+
+def check_arithmetic(arithmetic: str) -> None:
+    """
+    :raises ValueError: if there is no such arithmetic
+    """
+    if arithmetic not in ARITHMETICS:
+        raise ValueError(f"arithmetic={arithmetic!r}: expected one of {', '.join(ARITHMETICS)}")
+
+
 @contextmanager
-def rounded_products() -> Iterator[None]:
+def computing_in(arithmetic: str) -> Iterator[None]:
     """
-    Within the block, the large products of the networks, which have many rows, have factors and results of 16 bits, forward
-    and backward. Made for cloning: under PPO, collecting and training must compute the same.
+    Within a block of "bfloat16", the large products of the networks, which have many rows, have factors and results of 16
+    bits, forward and backward. Made for cloning: under PPO, collecting and training must compute the same.
+
+    :param arithmetic: "float32" or "bfloat16"
     """
-    before = _rounds.set(True)
+    before = _rounds.set(arithmetic == "bfloat16")
     try:
         yield
     finally:
@@ -29,7 +62,7 @@ def rounded_products() -> Iterator[None]:
 
 
 def rounds() -> bool:
-    """:return: whether this is within such a block"""
+    """:return: whether this is within a block of bfloat16"""
     return _rounds.get()
 
 
@@ -51,7 +84,7 @@ def transform_looked_up(table: th.Tensor, index: th.Tensor, weight: th.Tensor, b
     :param bias: (out,)
     :return: (N, out) the same of x = P rows side by side
     """
-    if rounds():
+    if rounds() and len(index) >= MANY:
         return RoundedLookup.apply(table, index, weight) + bias  # type: ignore[no-any-return]
     return linear(table[index].flatten(1), weight, bias)
 

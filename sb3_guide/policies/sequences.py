@@ -42,10 +42,28 @@ def frames(observations: Observations) -> Sequences:
     return Sequences(images, missions_of(observations), th.ones(len(images), dtype=th.long, device=images.device))
 
 
-def windows(observations: Observations) -> Sequences:
+class Windows(NamedTuple):
     """
-    The frames that a window policy remembers: history, then the present image. The history of an episode that has just begun
-    starts with zeros; blank images that an environment shows before anything else are left out with them.
+    What a window policy remembers of B worlds: the last T images of each, the present one last.
+
+    :param images: (B, T, ...)
+    :param missions: (B, words)
+    :param began: (B, T) bool, which images belong to the episode; those before it began are left out
+    """
+
+    images: th.Tensor
+    missions: th.Tensor
+    began: th.Tensor
+
+    def sequences(self) -> Sequences:
+        """:return: the same without what was before the episodes began"""
+        return Sequences(self.images[self.began], self.missions, self.began.sum(dim=1))
+
+
+def windows(observations: Observations) -> Windows:
+    """
+    The history of an episode that has just begun starts with zeros; blank images that an environment shows before anything
+    else are left out with them.
 
     :param observations: "image" (B, ...), "mission" (B, words) and, where the environment keeps one, "history" (B, n, ...)
     """
@@ -55,10 +73,9 @@ def windows(observations: Observations) -> Sequences:
         if history.shape[2:] != images.shape[2:]:
             history = history.movedim(-1, 2)  # SB3 turns a picture to have its channels first, but not the pictures before it
         images = th.cat([history, images], dim=1)
-    shows = images.flatten(2).ne(0).any(dim=-1)  # (B, n + 1)
-    began = shows.cumsum(dim=1) > 0
+    began = images.flatten(2).any(dim=-1).cumsum(dim=1) > 0  # (B, n + 1)
     began[:, -1] = True
-    return Sequences(images[began], missions_of(observations), began.sum(dim=1))
+    return Windows(images, missions_of(observations), began)
 
 
 def unpadded(observations: Observations, n_seq: int) -> tuple[Sequences, th.Tensor]:

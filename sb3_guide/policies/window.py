@@ -1,11 +1,14 @@
 """Policies with window memory: stateless, so that PPO, A2C and all else that knows no hidden state can use them."""
 
+from typing import Any
+
 import torch as th
 from stable_baselines3.common.distributions import Distribution
 
 from sb3_guide.policies.agents import GuideAgent, GuidedLearnerAgent, LearnerAgent
 from sb3_guide.policies.base import AgentPolicy
 from sb3_guide.policies.memory import State
+from sb3_guide.policies.networks import Latent
 from sb3_guide.policies.sequences import Observations, windows
 
 
@@ -14,8 +17,11 @@ class WindowMemory(AgentPolicy):
 
     carries_memory = False
 
+    def extract_features(self, obs: Observations, features_extractor: Any = None) -> Latent:  # type: ignore[override]
+        return self.network(obs)  # which takes observations as they are: SB3 would make floats of all of them first
+
     def memory(self, obs: Observations, state: State | None = None) -> th.Tensor:
-        return self.network.recall(windows(obs))
+        return self.network.look_back(windows(obs))
 
     def forward(  # type: ignore[override]
         self, obs: Observations, deterministic: bool = False
@@ -32,9 +38,9 @@ class WindowMemory(AgentPolicy):
 
     def _explore(self, obs: Observations) -> tuple[Distribution, th.Tensor]:
         """:return: distribution of actions in training, and values"""
-        latent = self.extract_features(obs)  # type: ignore[arg-type]
+        latent = self.network(obs)
         values = self.value_net(self.mlp_extractor.forward_critic(latent))  # type: ignore[arg-type]
-        return self.exploring_distribution(latent), values  # type: ignore[arg-type]
+        return self.exploring_distribution(latent), values
 
 
 class LearnerPolicy(LearnerAgent, WindowMemory):

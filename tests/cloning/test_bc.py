@@ -74,7 +74,7 @@ def test_a_batch_needs_episodes(batch_size):
 @pytest.mark.parametrize("policy_class", [RecurrentLearnerPolicy, RecurrentGuidePolicy])
 def test_the_loss_is_the_mean_over_frames_whatever_the_padding(policy_class):
     policy, episodes = make_policy(policy_class), make_episodes([5, 2])
-    loss = EpisodeLoss(0.0, th.Generator().manual_seed(0))
+    loss = EpisodeLoss(0.0, th.Generator().manual_seed(0), "float32")
     calculate = lambda part: loss(policy, *as_tensors(next(iter(EpisodeLoader(part, len(part), 0))))).neglogp.item()  # noqa: E731
     if policy_class is RecurrentGuidePolicy:  # greedy, so that the messages are the same in all three
         object.__setattr__(loss, "generator", None)
@@ -92,7 +92,9 @@ def test_the_loss_carries_memory_through_the_episode():
             state = state or tuple(th.zeros(1, 1, policy.network.state_size) for _ in range(2))
             distribution, state = policy.get_distribution(one, state, th.zeros(1))
             by_hand.append(distribution.log_prob(acts[:, step]).item())
-    assert EpisodeLoss(0.0, th.Generator())(policy, obs, acts).neglogp.item() == pytest.approx(-np.mean(by_hand), rel=1e-5)
+    assert EpisodeLoss(0.0, th.Generator(), "float32")(policy, obs, acts).neglogp.item() == pytest.approx(
+        -np.mean(by_hand), rel=1e-5
+    )
 
 
 @pytest.mark.parametrize("policy_class", [RecurrentLearnerPolicy, RecurrentGuidePolicy, RecurrentGuidedLearnerPolicy])

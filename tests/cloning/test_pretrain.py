@@ -43,7 +43,7 @@ def test_the_loss_is_that_of_sb3_contribs_own_evaluation(variant):
         with th.no_grad():
             _, log_prob, _ = policy.evaluate_actions(frames, acts[row, :length], RNNStates(nothing, nothing), starts)
         expected += log_prob.tolist()
-    loss = EpisodeLoss(0.0, th.Generator())(policy, obs, acts)
+    loss = EpisodeLoss(0.0, th.Generator(), "float32")(policy, obs, acts)
     assert loss.neglogp.item() == pytest.approx(-np.mean(expected), rel=1e-4)
     valid = th.arange(acts.shape[1]) < obs["length"].unsqueeze(1)
     sequences = Sequences(obs["image"][valid], obs["mission"], obs["length"])

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sb3_guide.policies.memory import FEW, WIDE, Memory
-from sb3_guide.policies.products import rounded_products
+from sb3_guide.policies.products import computing_in
 
 
 @pytest.mark.parametrize("few", [0, FEW], ids=["step by step", "padded"])
@@ -21,7 +21,7 @@ def test_each_sequence_is_remembered_as_if_it_were_alone(few, lengths, seed):
 
 @given(lengths=st.lists(st.integers(1, 20), min_size=1, max_size=6), seed=st.integers(0, 2**31))
 def test_and_so_it_is_while_products_are_rounded(lengths, seed):
-    with rounded_products():
+    with computing_in("bfloat16"):
         compare_with_alone(lengths, seed)  # of so few rows, only the weights' gradients are rounded
 
 
@@ -63,7 +63,7 @@ def test_a_wide_memory_has_torchs_outputs_and_gradients(precision, tolerance):
     found = []
     for wide in (WIDE, WIDE + 1):
         with (
-            rounded_products() if wide == WIDE else nullcontext(),
+            computing_in("bfloat16") if wide == WIDE else nullcontext(),
             patch("sb3_guide.policies.memory.WIDE", wide),
             patch("sb3_guide.policies.products.ROUNDED", precision),
             patch("sb3_guide.policies.through_time.ROUNDED", precision),

@@ -166,7 +166,7 @@ def test_sequences_do_not_depend_on_their_batch_mates():
 
 
 def test_a_windows_frames_before_the_episode_are_left_out(window):
-    sequences = windows(window)
+    sequences = windows(window).sequences()
     assert sequences.lengths.tolist() == [1, 2, 3, 4]
     assert th.equal(sequences.images[sequences.lengths.cumsum(0) - 1], window["image"])
     assert th.equal(sequences.images[3:5], window["history"][2, HISTORY - 2 :])

@@ -123,7 +123,7 @@ def test_the_extractor_sees_in_sb3s_own_policies_what_agents_see(kind, normalize
     ours.network.film.load_state_dict(theirs.features_extractor.state_dict())
     obs = sampled(ours.observation_space, 3)
     with th.no_grad():
-        expected, position = ours.network.film.encode(windows(obs))
+        expected, position = ours.network.film.encode(windows(obs).sequences())
         assert th.allclose(theirs.extract_features(obs), expected[position], atol=1e-6)
 
 
@@ -186,7 +186,7 @@ def test_padding_is_no_blank_image(words):
 def test_a_blank_image_within_a_window_is_a_frame():
     history = th.zeros(2, 3, 1, 1, 1, dtype=th.uint8)
     history[0, 1] = 1
-    found = windows({"image": th.ones(2, 1, 1, 1, dtype=th.uint8), "history": history})
+    found = windows({"image": th.ones(2, 1, 1, 1, dtype=th.uint8), "history": history}).sequences()
     assert found.lengths.tolist() == [3, 1]
     assert found.images.flatten().tolist() == [1, 0, 1, 1]
 

@@ -4,7 +4,15 @@ import pytest
 import torch as th
 from torch import nn
 
-from sb3_guide.policies.products import MANY, product, repeating, rounded_products, transform, transform_looked_up
+from sb3_guide.policies.products import (
+    MANY,
+    computing_in,
+    product,
+    repeating,
+    transform,
+    transform_looked_up,
+    usual_arithmetic,
+)
 
 ROUNDING = 2.0**-8  # of a factor, relative: bfloat16 keeps eight bits
 
@@ -24,7 +32,7 @@ def test_factors_and_result_are_rounded_and_the_sum_is_not():
 @pytest.mark.parametrize("n_rows", [1, MANY - 1])
 def test_of_few_rows_nothing_is_rounded(n_rows):
     layer, x = nn.Linear(40, 30), th.randn(n_rows, 40)
-    with rounded_products():
+    with computing_in("bfloat16"):
         assert th.equal(transform(x, layer.weight, layer.bias), layer(x))
 
 
@@ -33,7 +41,7 @@ def test_within_the_block_a_layer_is_the_same_up_to_rounding(n_rows):
     layer, x = nn.Linear(40, 30), th.randn(n_rows, 40, requires_grad=True)
     exact = transform(x, layer.weight, layer.bias)
     assert th.equal(exact, layer(x))
-    with rounded_products():
+    with computing_in("bfloat16"):
         close = transform(x, layer.weight, layer.bias)
     assert not th.equal(close, exact)
     expected = gradients(exact, x, layer.weight, layer.bias)
@@ -44,10 +52,10 @@ def test_within_the_block_a_layer_is_the_same_up_to_rounding(n_rows):
 
 
 def test_looking_rows_up_first_is_the_same_as_a_layer_on_them():
-    layer, table, index = nn.Linear(3 * 4, 5), th.randn(6, 4, requires_grad=True), th.randint(6, (21, 3))
+    layer, table, index = nn.Linear(3 * 4, 5), th.randn(6, 4, requires_grad=True), th.randint(6, (MANY, 3))
     exact = transform_looked_up(table, index, layer.weight, layer.bias)
     assert th.equal(exact, layer(table[index].flatten(1)))
-    with rounded_products():
+    with computing_in("bfloat16"):
         close = transform_looked_up(table, index, layer.weight, layer.bias)
     expected = gradients(exact, table, layer.weight, layer.bias)
     for found, wanted in zip(gradients(close, table, layer.weight, layer.bias), expected, strict=True):
@@ -56,9 +64,26 @@ def test_looking_rows_up_first_is_the_same_as_a_layer_on_them():
 
 def test_after_the_block_products_are_exact_again_even_if_it_failed():
     layer, x = nn.Linear(4, 4), th.randn(3, 4)
-    with pytest.raises(RuntimeError, match="stop"), rounded_products():
+    with pytest.raises(RuntimeError, match="stop"), computing_in("bfloat16"):
         raise RuntimeError("stop")
     assert th.equal(transform(x, layer.weight, layer.bias), layer(x))
+
+
+@pytest.mark.parametrize(
+    ("features", "forbidden", "expected"),
+    [
+        ({"avx2": True}, "", "float32"),
+        ({"avx512bf16": True, "amx-bf16": False}, "", "bfloat16"),
+        ({"amx-bf16": True}, "ALL", "bfloat16"),
+        ({"amx-bf16": True, "avx512bf16": True}, "avx2", "float32"),
+        ({"amx-bf16": True, "avx512bf16": True}, "AVX512_CORE_VNNI", "float32"),
+    ],
+)
+def test_the_processor_decides_in_what_is_computed(monkeypatch, features, forbidden, expected):
+    monkeypatch.setattr("sb3_guide.policies.products.get_host_cpu_features", lambda: features)
+    monkeypatch.setenv("ONEDNN_MAX_CPU_ISA", forbidden)
+    assert usual_arithmetic(th.device("cpu")) == expected
+    assert usual_arithmetic(th.device("meta")) == "float32"
 
 
 def test_numbers_of_rows_are_few_and_little_too_large():

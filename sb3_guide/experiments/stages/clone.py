@@ -1,5 +1,6 @@
 """Stages 2 and 3: Learner, Guide and guided Learner by imitation's BC (paper section 3.3), and the controls."""
 
+import sys
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,11 +21,12 @@ from sb3_guide.envs import spaces_of
 from sb3_guide.experiments.stages.configs import algorithm_arguments, checked, in_use, load_config
 from sb3_guide.experiments.stages.evaluate import evaluate
 from sb3_guide.experiments.stages.levels import join_levels, split_levels
-from sb3_guide.experiments.stages.runs import Run, stage, use_threads, write_table
-from sb3_guide.files import parse_yaml
+from sb3_guide.experiments.stages.runs import SETTINGS, Run, stage, use_threads, write_table
+from sb3_guide.files import parse_yaml, read_json
 from sb3_guide.policies import AgentPolicy, PretrainedGuide, save_agent
 from sb3_guide.policies.folder import NETWORK
 from sb3_guide.policies.interventions import intervention_of
+from sb3_guide.policies.products import usual_arithmetic
 from sb3_guide.policies.recurrent import RecurrentGuidedLearnerPolicy, RecurrentGuidePolicy, RecurrentLearnerPolicy
 from sb3_guide.policies.saving import start_from
 
@@ -79,7 +81,7 @@ def clone(
     check_agent(agent, guide, freeze_guide, hears, init)
     policy_kwargs = guide_kwargs(agent, guide, freeze_guide, hears)
     config = override(shared_config(names, config_file), params)
-    settings = {
+    settings: dict[str, Any] = {
         "agent": agent,
         "level": join_levels(names),
         "seed": seed,
@@ -91,6 +93,7 @@ def clone(
         "init": None if init is None else str(init),
         "config": config,
     }
+    settings["arithmetic"] = arithmetic = arithmetic_of(out, settings)
     files = [folder / f"{split}.safetensors" for folder in demos for split in ("train", "validation")]
     agents = [Path(folder) / NETWORK for folder in (guide, init) if folder not in (None, UNTRAINED)]
     with stage("clone", settings, [*files, *agents], out, resume, renew) as run:
@@ -102,7 +105,7 @@ def clone(
         set_random_seed(seed)
         with in_use(config):
             policy = build(agent, names[0], config, policy_kwargs, init)
-        cloning = Cloning(policy, train, validation, out, seed, config, run)
+        cloning = Cloning(policy, train, validation, out, seed, config, arithmetic, run)
         run.begin()
         if tensorboard:
             cloning.show()
@@ -185,7 +188,8 @@ def override(config: dict[str, Any], params: Sequence[str]) -> dict[str, Any]:
     :raises ValueError: if there is no such hyper-parameter, or its value is no YAML or out of range
     """
     changes = dict(param.partition(":")[::2] for param in params)
-    known = [name for name in config if name != "recorded_episodes"]  # which is for the demonstrations, not for the agent
+    of_agents = [name for name in config if name != "recorded_episodes"]  # which is for the demonstrations
+    known = list(dict.fromkeys([*of_agents, "arithmetic"]))
     if unknown := changes.keys() - set(known):
         raise ValueError(f"--params {', '.join(sorted(unknown))} are unknown: expected NAME:VALUE of {', '.join(known)}")
     try:
@@ -193,8 +197,28 @@ def override(config: dict[str, Any], params: Sequence[str]) -> dict[str, Any]:
     except ValueError as error:
         raise ValueError(f"--params {', '.join(params)}: expected values in YAML ({error})") from error
     for name, value in values.items():
-        values[name] = {**config[name], **value} if isinstance(config[name], dict) and isinstance(value, dict) else value
+        values[name] = {**config[name], **value} if isinstance(config.get(name), dict) and isinstance(value, dict) else value
     return checked({**config, **values})
+
+
+def arithmetic_of(out: Path, settings: dict[str, Any]) -> str:
+    """
+    The arithmetic that the hyper-parameters name; else that of the run that is to go on, which may have begun on another kind
+    of processor; else what suits this processor. Says so in a line where it is slow here.
+
+    :param out: folder of the agent
+    :param settings: of the run, but for its arithmetic
+    :return: "float32" or "bfloat16"
+    """
+    begun = read_json(out / SETTINGS) if (out / SETTINGS).is_file() else {}
+    goes_on = all(begun.get(name) == value for name, value in settings.items())
+    usual = usual_arithmetic(th.device("cpu"))
+    arithmetic: str = settings["config"].get("arithmetic") or (begun.get("arithmetic") if goes_on else None) or usual
+    if goes_on and arithmetic != usual:
+        print(f"{out} goes on in {arithmetic}, as it began; a new run would compute in {usual} here", file=sys.stderr)
+    if arithmetic == "bfloat16" != usual:
+        print("this processor has no units for bfloat16: cloning in it takes 3 to 6 times as long", file=sys.stderr)
+    return arithmetic
 
 
 def demonstrations_of(levels: Sequence[str], folders: Sequence[Path], split: str) -> list[Demonstrations]:
@@ -217,6 +241,7 @@ class Cloning:
     :param out: folder of the agent
     :param seed: of order and messages
     :param config: the levels' entry of bc.yml
+    :param arithmetic: of large matrix products, "float32" or "bfloat16"
     :param run: this stage's
     """
 
@@ -228,6 +253,7 @@ class Cloning:
         out: Path,
         seed: int,
         config: dict[str, Any],
+        arithmetic: str,
         run: Run,
     ) -> None:
         self.schedule = get_schedule_fn(algorithm_arguments(config)["learning_rate"])
@@ -238,6 +264,7 @@ class Cloning:
             learning_rate=self.schedule(1),
             ent_weight=config["ent_weight"],
             seed=seed,
+            arithmetic=arithmetic,
             logger=HierarchicalLogger(Logger(folder=None, output_formats=[])),
         )
         seeds = mission_seeds("validation", config["validation_episodes"])

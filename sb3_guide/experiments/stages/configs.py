@@ -15,6 +15,7 @@ from sb3_guide.callbacks.curriculum import falling
 from sb3_guide.envs import is_level, level_of
 from sb3_guide.envs.batch import MAX_WORLDS
 from sb3_guide.files import check_number, fits, read_yaml
+from sb3_guide.policies.products import check_arithmetic
 
 PACKAGE = Path(__file__).parents[2]
 FOLDERS = (PACKAGE / "zoo_configs", PACKAGE.parent / "zoo_configs")  # inside a wheel, beside the package in a checkout
@@ -116,6 +117,8 @@ def checked(config: dict[str, Any]) -> dict[str, Any]:
             check_number(name, value, 1, MOST[name], whole=True)
         elif name in NUMBERS and not isinstance(value, NUMBERS[name]):
             check_number(name, value, most=HIGHEST.get(name, inf))
+    if "arithmetic" in config:
+        check_arithmetic(config["arithmetic"])
     points = config.get("validate_at", [])
     if not fits(points, list[int | float]) or not all(0 <= point <= MOST["n_epochs"] for point in points):
         raise ValueError(f"validate_at={reprlib.repr(points)}: expected a list of epochs")

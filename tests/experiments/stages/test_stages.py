@@ -19,7 +19,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from sb3_guide.cloning import load_demonstrations, save_demonstrations
 from sb3_guide.experiments.stages import record, runs
 from sb3_guide.experiments.stages.analyze import analyze
-from sb3_guide.experiments.stages.clone import clone
+from sb3_guide.experiments.stages.clone import Cloning, clone
 from sb3_guide.experiments.stages.evaluate import evaluate
 from sb3_guide.experiments.stages.expert import train_expert
 from sb3_guide.experiments.stages.record import record_demonstrations
@@ -95,6 +95,39 @@ def demos(tmp_path_factory) -> Path:
         for split in ("train", "validation", "analysis"):
             record_demonstrations("GoToObj", folder / "expert", split, 10, folder / f"{split}.safetensors", threads=1)
     return folder
+
+
+@pytest.mark.parametrize(("begun", "here"), [("float32", "bfloat16"), ("bfloat16", "float32")])
+def test_a_run_goes_on_in_the_arithmetic_that_it_began_in(tmp_path, demos, capsys, monkeypatch, begun, here):
+    config = write_config(tmp_path / "bc.yml", {**BC, "train_episodes": 10, "batch_size": 10})
+    settings = {"seed": 0, "threads": 1, "config_file": config}
+    computes = "sb3_guide.experiments.stages.clone.usual_arithmetic"
+
+    after_epoch = Cloning.after_epoch
+
+    def stop_after_first(self):
+        after_epoch(self)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(computes, lambda device: begun)
+    clone("learner", KEY, [demos], tmp_path / "whole", resume=False, **settings)
+    monkeypatch.setattr(Cloning, "after_epoch", stop_after_first)
+    with pytest.raises(KeyboardInterrupt):
+        clone("learner", KEY, [demos], tmp_path / "stopped", resume=False, **settings)
+    monkeypatch.setattr(Cloning, "after_epoch", after_epoch)
+    assert json.loads((tmp_path / "stopped" / "settings.json").read_text())["arithmetic"] == begun
+    monkeypatch.setattr(computes, lambda device: here)
+    capsys.readouterr()
+    clone("learner", KEY, [demos], tmp_path / "stopped", resume=True, **settings)
+    told = capsys.readouterr().err
+    assert f"goes on in {begun}, as it began; a new run would compute in {here} here" in told
+    assert ("has no units for bfloat16" in told) == (begun == "bfloat16")
+    assert equal(tmp_path / "stopped", tmp_path / "whole")
+    clone("learner", KEY, [demos], tmp_path / "other", resume=False, params=[f"arithmetic:{here}"], **settings)
+    assert json.loads((tmp_path / "other" / "run.json").read_text())["arithmetic"] == here
+    assert not equal(tmp_path / "other", tmp_path / "whole")
+    with pytest.raises(ValueError, match="arithmetic='float16': expected one of float32, bfloat16"):
+        clone("learner", KEY, [demos], tmp_path / "none", resume=False, params=["arithmetic:float16"], **settings)
 
 
 def test_an_expert_is_written_with_all_that_it_depends_on(tmp_path):
