@@ -8,7 +8,14 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).parents[1]
-ALONE = {"imitation", "editables", "hatchling", "pathspec", "pluggy", "trove-classifiers"}  # whose requirements are not followed
+ALONE = {
+    "imitation",
+    "editables",
+    "hatchling",
+    "pathspec",
+    "pluggy",
+    "trove-classifiers",
+}  # whose requirements are not followed
 ELSEWHERE = {"torch", "setuptools"}  # installed by a line of its own, with all that it asks for
 
 
