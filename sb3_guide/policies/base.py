@@ -117,6 +117,10 @@ class AgentPolicy(ActorCriticPolicy):
             del data[name]
         return {**data, **self.agent_kwargs}
 
+    def set_training_mode(self, mode: bool) -> None:
+        if self.training != mode:  # SB3 asks at every prediction, and telling forty modules takes as long as a prediction
+            super().set_training_mode(mode)
+
     @property
     def network(self) -> AgentNetwork:
         """The agent's network, from observation to latent."""

@@ -1,12 +1,15 @@
 """The channel: a decoder speaks a message, an encoder reads it."""
 
 from dataclasses import dataclass
+from functools import cache
 from itertools import product
 
 import torch as th
 import torch.nn.functional as F
 from torch import nn
 
+from sb3_guide.policies import compiled
+from sb3_guide.policies.compiled import FEW_MESSAGES, Linear, Symbols, Views, is_few, linear, symbol_weights
 from sb3_guide.policies.gru import input_gates, next_hidden
 
 MAX_LENGTH, MAX_VOCABULARY = 100, 10_000
@@ -113,6 +116,8 @@ class MessageDecoder(nn.Module):
         self.embedding = nn.Linear(shape.vocabulary_size, symbol, bias=False)  # takes one-hot symbols, to be differentiable
         self.cell = nn.GRUCell(symbol, memory)
         self.logits = nn.Linear(memory, shape.vocabulary_size)
+        self.symbols: Views[Symbols] = Views()
+        self.to_logits: Views[Linear] = Views()
         if not shape.continuous:
             self.inverse_temperature = nn.Linear(memory, 1)
             self._begin_undecided()
@@ -134,6 +139,9 @@ class MessageDecoder(nn.Module):
         :param generator: source of the Gumbel noise; None means the most probable symbols, without noise
         :return: (K, length, vocabulary_size), one-hot or, in a continuous channel, any numbers
         """
+        if generator is None and is_few(memory, th.float32) and (weights := self._views()) is not None:
+            said = compiled.say(*weights, memory.numpy(), self.shape.length, self.shape.continuous)
+            return th.from_numpy(said)
         gates, hidden = input_gates(self.embedding.weight.t(), self.cell), memory
         symbols: list[th.Tensor] = []
         for _ in range(self.shape.length):
@@ -141,6 +149,11 @@ class MessageDecoder(nn.Module):
             hidden = next_hidden(before, hidden, self.cell)
             symbols.append(self.logits(hidden) if self.shape.continuous else self.choose(hidden, generator))
         return th.stack(symbols, dim=1)
+
+    def _views(self) -> tuple[Symbols, Linear] | None:
+        """:return: views of the weights that the most probable message depends on"""
+        symbols, logits = self.symbols.get(symbol_weights, self.embedding, self.cell), self.to_logits.get(linear, self.logits)
+        return None if symbols is None or logits is None else (symbols, logits)
 
     def choose(self, hidden: th.Tensor, generator: th.Generator | None) -> th.Tensor:
         """
@@ -166,6 +179,8 @@ class MessageDecoder(nn.Module):
         :raises ValueError: as :meth:`MessageShape.all`
         """
         self.shape.check_enumerable()
+        if is_few(memory, th.float32) and (weights := self._views()) is not None:
+            return th.from_numpy(compiled.log_probs(*weights, memory.numpy(), self.shape.length))
         gates, hidden = input_gates(self.embedding.weight.t(), self.cell), memory
         before, total = gates[:1], memory.new_zeros(len(memory))  # of every beginning: (K * beginnings,)
         for position in range(self.shape.length):
@@ -190,12 +205,18 @@ class MessageEncoder(nn.Module):
         self.shape = shape
         self.embedding = nn.Linear(shape.vocabulary_size, symbol, bias=False)
         self.gru = nn.GRU(symbol, message, batch_first=True)
+        self.views: Views[Symbols] = Views()
 
     def forward(self, symbols: th.Tensor) -> th.Tensor:
         """
         :param symbols: (K, length, vocabulary_size), as :class:`MessageDecoder` speaks them
         :return: (K, message)
         """
+        if (
+            is_few(symbols, th.float32, FEW_MESSAGES)
+            and (weights := self.views.get(symbol_weights, self.embedding, self.gru)) is not None
+        ):
+            return th.from_numpy(compiled.hear(weights, symbols.numpy()))
         gates, hidden = input_gates(self.embedding.weight.t(), self.gru), symbols.new_zeros(1, self.gru.hidden_size)
         for symbol in symbols.unbind(dim=1):
             hidden = next_hidden(symbol @ gates, hidden, self.gru)
@@ -203,5 +224,10 @@ class MessageEncoder(nn.Module):
 
     def all(self) -> th.Tensor:
         """:return: (M, message) the encoding of every message, in the order of its index"""
-        messages = self.shape.all().to(self.embedding.weight.device)
-        return self(F.one_hot(messages, self.shape.vocabulary_size).float())
+        return self(every_message(self.shape).to(self.embedding.weight.device))
+
+
+@cache
+def every_message(shape: MessageShape) -> th.Tensor:
+    """:return: (M, length, vocabulary_size) one-hot symbols of every message, in the order of its index; not to be changed"""
+    return F.one_hot(shape.all(), shape.vocabulary_size).float()

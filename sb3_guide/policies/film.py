@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import torch as th
 from gymnasium import spaces
 from stable_baselines3.common.preprocessing import is_image_space
@@ -11,14 +12,16 @@ from torch import nn
 from sb3_guide.policies.gru import input_gates, next_hidden
 from sb3_guide.policies.picture import Picture, check_values, picture_of, words_of
 from sb3_guide.policies.products import transform, transform_looked_up
+from sb3_guide.policies.rows import number_cells
 from sb3_guide.policies.sequences import Observations, Sequences, distinct, frames
+from sb3_guide.policies.short_sequences import WordsGRU
 from sb3_guide.policies.sizes import Size, size_of
 
 KINDS = 4096  # of cells, up to which each that there may be has an embedding of its own
+CELLS = "cells of images"  # to name them in an error
 SMALLEST = 8  # pixels on a side, to which convolutions reduce pictures
 PIXEL_CHANNELS = (16, 32)  # after the first convolution, and after all others
 PICTURES_AT_ONCE = 1024  # bounds the memory that whole sets of episodes take
-FEW_FRAMES = 512  # up to which looking for equal ones costs more than it saves
 FEW_WORDS = 2048  # in missions, up to which reading them all at once costs less than reading each beginning once
 
 
@@ -46,10 +49,10 @@ class InstructionEncoder(nn.Module):
         longest = int(columns[-1]) + 1 if len(columns) else 1
         if len(missions) * longest > FEW_WORDS:
             return self._by_beginnings(words, missions[:, :longest], gates)
-        hidden = gates.new_zeros(len(missions), self.gru.hidden_size)
         is_word[:, 0] = True  # an empty mission is read as one word of padding
-        for word, counts in zip(missions[:, :longest].t(), is_word[:, :longest].t(), strict=True):
-            hidden = th.where(counts.unsqueeze(1), next_hidden(gates[word], hidden, self.gru), hidden)
+        _, weight, _, bias = self.gru.parameters()
+        said = gates[missions[:, :longest].t()]  # (longest, N, 3 * instruction)
+        hidden: th.Tensor = WordsGRU.apply(said, is_word[:, :longest].t().unsqueeze(2), weight, bias)
         return hidden
 
     def _by_beginnings(self, words: th.Tensor, missions: th.Tensor, gates: th.Tensor) -> th.Tensor:
@@ -118,9 +121,17 @@ class Vision(nn.Module):
         self.film_view = FiLM(size.instruction, size.image)
         self.out = nn.Linear(size.image, size.image)
 
-    def forward(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
+    def numbered(self, images: th.Tensor) -> th.Tensor:
         """
         :param images: (N, height, width, channels)
+        :return: the same; or, where each kind of cell has a number, (N, height, width) that
+        :raises ValueError: if there are no such cells
+        """
+        return images
+
+    def forward(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
+        """
+        :param images: (N, height, width, channels), or as :meth:`numbered` returns them
         :param instructions: (M, instruction)
         :param row: (N,) which instruction belongs to each image
         :return: (N, image)
@@ -149,7 +160,8 @@ class CompactVision(Vision):
 
     def __init__(self, size: Size, picture: Picture) -> None:
         super().__init__()
-        values, kinds = cells_of(picture), math.prod(cells_of(picture))
+        self.values = values = cells_of(picture)
+        kinds = math.prod(values)
         self.parts = nn.ModuleList(nn.Embedding(count, size.cell) for count in values)
         self.whole = nn.Embedding(kinds, size.cell) if kinds <= KINDS else None
         self.film_cells = FiLM(size.instruction, size.cell)
@@ -161,19 +173,24 @@ class CompactVision(Vision):
             self.register_buffer("place_value", th.tensor(place_value), persistent=False)
             self.register_buffer("base", th.tensor(values), persistent=False)
 
+    def numbered(self, images: th.Tensor) -> th.Tensor:
+        if self.whole is None:
+            check_values(CELLS, images, self.values)
+            return images
+        if type(images) is not th.Tensor or images.device.type != "cpu" or images.dtype not in (th.uint8, th.float32):
+            check_values(CELLS, images, self.values)
+            return (images.long() * self.place_value).sum(dim=-1)
+        numbers = images.new_empty(images.shape[:-1], dtype=th.long)
+        if not number_cells(images.flatten(0, -2).numpy(), np.array(self.values), numbers.flatten().numpy()):
+            check_values(CELLS, images, self.values)  # which says what is wrong
+        return numbers
+
     def whole_view(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
         weight, bias = self.convolution.parameters()
         if self.whole is None:
             cells = images.flatten(1, 2).long()  # (N, cells, channels)
             return transform(self.modulated_each(cells, instructions, row).flatten(1), weight, bias)
-        return transform_looked_up(*self.modulated_kinds(self.kinds(images), instructions, row), weight, bias)
-
-    def kinds(self, images: th.Tensor) -> th.Tensor:
-        """
-        :param images: (..., height, width, channels)
-        :return: (..., cells) the channels of each cell as one number
-        """
-        return (images.long() * self.place_value).sum(dim=-1).flatten(-2)
+        return transform_looked_up(*self.modulated_kinds(images.flatten(1), instructions, row), weight, bias)
 
     def modulated_kinds(self, cells: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> tuple[th.Tensor, th.Tensor]:
         """
@@ -276,9 +293,10 @@ class PaperVision(nn.Module):
         super().__init__()
         if min(picture.height, picture.width) < 3:
             raise ValueError(f"size='paper' pools images of {picture.height} x {picture.width} away: expected 3 x 3 and more")
+        self.values = cells_of(picture)
         pool = nn.MaxPool2d(2)
         self.stem = nn.Sequential(
-            nn.Conv2d(len(cells_of(picture)), size.cell, 2, padding=1),  # 7x7 -> 8x8
+            nn.Conv2d(len(self.values), size.cell, 2, padding=1),  # 7x7 -> 8x8
             nn.ReLU(),
             pool,
             nn.Conv2d(size.cell, size.cell, 3, padding=1),  # 4x4
@@ -288,6 +306,15 @@ class PaperVision(nn.Module):
         widths = ((size.cell, size.view), (size.view, size.image))
         self.blocks = nn.ModuleList(FiLMBlock(size.instruction, *channels) for channels in widths)
         self.pool = nn.AdaptiveMaxPool2d(1)
+
+    def numbered(self, images: th.Tensor) -> th.Tensor:
+        """
+        :param images: (N, height, width, channels)
+        :return: the same, for they are convolved as they are
+        :raises ValueError: if there are no such cells
+        """
+        check_values(CELLS, images, self.values)
+        return images
 
     def forward(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
         """
@@ -340,7 +367,7 @@ class FiLMExtractor(BaseFeaturesExtractor):
 
     def encode(self, sequences: Sequences) -> tuple[th.Tensor, th.Tensor]:
         """
-        Encode each distinct mission once and, of many frames, each distinct one, which is an image with a mission.
+        Encode each distinct mission and each distinct frame, which is an image with a mission, once.
 
         :param sequences: B sequences of K frames in all
         :return: features of the distinct frames (U, features_dim), and which of them belongs to each frame (K,)
@@ -350,12 +377,10 @@ class FiLMExtractor(BaseFeaturesExtractor):
         representatives, kind = distinct(missions)
         instructions = self.instruct(missions[representatives])
         mission_of_image = kind.repeat_interleave(lengths)
-        if len(images) <= FEW_FRAMES:
-            every = th.arange(len(images), device=images.device)
-            return self.vision(self.cells_or_pixels(images), instructions, mission_of_image), every
-        looks = images.flatten(1) if self.picture.values is not None else distinct(bits(images))[1].unsqueeze(1)
+        seen = self.vision.numbered(images.movedim(1, -1) if self.picture.channels_first else images)
+        looks = seen.flatten(1) if self.picture.values is not None else distinct(bits(images))[1].unsqueeze(1)
         shown, position = distinct(looks, mission_of_image.unsqueeze(1))
-        return self.vision(self.cells_or_pixels(images[shown]), instructions, mission_of_image[shown]), position
+        return self.vision(seen[shown], instructions, mission_of_image[shown]), position
 
     def encode_worlds(self, images: th.Tensor, missions: th.Tensor) -> th.Tensor:
         """
@@ -379,17 +404,6 @@ class FiLMExtractor(BaseFeaturesExtractor):
         check_values("missions", missions, (self.instruction.embedding.num_embeddings,))
         instructions: th.Tensor = self.instruction(missions.long())
         return instructions
-
-    def cells_or_pixels(self, images: th.Tensor) -> th.Tensor:
-        """
-        :param images: (..., height, width, channels), or with their channels first where SB3 turned them
-        :return: the same with their channels last
-        :raises ValueError: if there are no such cells
-        """
-        seen = images.movedim(-3, -1) if self.picture.channels_first else images
-        if self.picture.values is not None:
-            check_values("cells of images", seen, self.picture.values)
-        return seen
 
 
 def bits(images: th.Tensor) -> th.Tensor:

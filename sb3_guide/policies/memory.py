@@ -6,11 +6,12 @@ from torch.nn.functional import embedding, linear
 
 from sb3_guide.policies.interventions import Scene
 from sb3_guide.policies.products import rounds, transform
+from sb3_guide.policies.short_sequences import WindowsLSTM
 from sb3_guide.policies.through_time import WIDE, ThroughTime
 
 State = tuple[th.Tensor, th.Tensor]  # h and c of shape (1, B, hidden) each
 FEW = 24  # sequences, up to which padding costs less than steps of our own
-SHORT = 8  # frames in a window, up to which calling torch's cell for each costs less than preparing its whole layer
+FEW_FRAMES, SHORT = 512, 8  # in all windows and in each, up to which steps of our own cost less than padding
 
 
 class Memory(nn.Module):
@@ -56,24 +57,17 @@ class Memory(nn.Module):
 
     def last_of_windows(self, features: th.Tensor, began: th.Tensor) -> th.Tensor:
         """
-        As :meth:`last`, of short windows, step by step.
+        As :meth:`last`, of a few short windows.
 
         :param features: (B, T, features_dim)
         :param began: (B, T) bool, from when on frames count
         :return: the output at the last frame (B, hidden)
         """
         input_weight, weight, input_bias, bias = self.lstm.parameters()
+        inputs = linear(features.transpose(0, 1), input_weight, input_bias + bias)  # (T, B, 4 * hidden)
         # gates of minus infinity keep the state at zero until the episode begins
-        inputs = linear(features, input_weight, input_bias + bias).masked_fill(~began.unsqueeze(2), -th.inf)
-        h = c = features.new_zeros(len(features), self.hidden)
-        for step, gates in enumerate(inputs.unbind(dim=1)):
-            if step:
-                gates = th.addmm(gates, h, weight.t())
-            put, keep, _, show = gates.sigmoid().chunk(4, dim=1)
-            new = gates[:, 2 * self.hidden : 3 * self.hidden].tanh()
-            c = th.addcmul(put * new, keep, c) if step else put * new
-            h = show * c.tanh()
-        return h
+        output: th.Tensor = WindowsLSTM.apply(inputs.masked_fill(~began.t().unsqueeze(2), -th.inf), weight)
+        return output
 
     def last(self, features: th.Tensor, position: th.Tensor, lengths: th.Tensor) -> th.Tensor:
         """

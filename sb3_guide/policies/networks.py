@@ -9,9 +9,10 @@ from gymnasium import spaces
 from torch import nn
 
 from sb3_guide.policies.channel import MessageDecoder, MessageEncoder, MessageShape
-from sb3_guide.policies.film import FEW_FRAMES, FiLMExtractor
+from sb3_guide.policies.compiled import Views, Weights, remember_few
+from sb3_guide.policies.film import FiLMExtractor
 from sb3_guide.policies.interventions import Intervention, Scene
-from sb3_guide.policies.memory import SHORT, Memory, State
+from sb3_guide.policies.memory import FEW_FRAMES, SHORT, Memory, State
 from sb3_guide.policies.sequences import Observations, Sequences, Windows, windows
 from sb3_guide.policies.sizes import size_of
 
@@ -118,23 +119,28 @@ class Learner(AgentNetwork):
         super().__init__()
         self.film = FiLMExtractor(observation_space, size)
         self.memory = Memory(self.film.features_dim, size_of(size).memory)
+        self.views: Views[Weights] = Views()
         self.state_size = self.features_dim = self.critic_dim = self.memory.hidden
 
     def remember(self, sequences: Sequences, state: State | None = None) -> th.Tensor:
         return self.memory(*self.film.encode(sequences), sequences.lengths, state)
 
     def step(self, frames: Sequences, state: State) -> tuple[th.Tensor, State]:
-        features = self.film.encode_worlds(frames.images.unsqueeze(1), frames.missions)
-        return self.memory.step(features.squeeze(1), state)
+        images = frames.images.unsqueeze(1)
+        if (after := remember_few(self.views, self.film, self.memory.lstm, images, frames.missions, state)) is not None:
+            return after[0], (after[0].unsqueeze(0), after[1].unsqueeze(0))
+        return self.memory.step(self.film.encode_worlds(images, frames.missions).squeeze(1), state)
 
     def recall(self, windows: Sequences) -> th.Tensor:
         return self.memory.last(*self.film.encode(windows), windows.lengths)
 
     def look_back(self, windows: Windows) -> th.Tensor:
-        images, missions, began = windows
-        if began.numel() > FEW_FRAMES or began.shape[1] > SHORT:
+        images, missions = windows.images, windows.missions
+        if (after := remember_few(self.views, self.film, self.memory.lstm, images, missions)) is not None:
+            return after[0]
+        if images.shape[0] * images.shape[1] > FEW_FRAMES or images.shape[1] > SHORT:
             return self.recall(windows.sequences())
-        return self.memory.last_of_windows(self.film.encode_worlds(images, missions), began)
+        return self.memory.last_of_windows(self.film.encode_worlds(images, missions), windows.began)
 
     def latent(self, memory: th.Tensor, scene: Scene, generator: th.Generator | None = None) -> Latent:
         return Latent(memory, memory, lambda: memory)

@@ -1,10 +1,13 @@
 """Frames of several episodes (or windows of them) without padding."""
 
-from functools import cache, reduce
+from dataclasses import dataclass
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import torch as th
 from gymnasium import spaces
+
+from sb3_guide.policies.rows import distinct_rows
 
 Observations = dict[str, th.Tensor]
 MISSION_CHANGED = (
@@ -42,18 +45,24 @@ def frames(observations: Observations) -> Sequences:
     return Sequences(images, missions_of(observations), th.ones(len(images), dtype=th.long, device=images.device))
 
 
-class Windows(NamedTuple):
+@dataclass(frozen=True)
+class Windows:
     """
     What a window policy remembers of B worlds: the last T images of each, the present one last.
 
     :param images: (B, T, ...)
     :param missions: (B, words)
-    :param began: (B, T) bool, which images belong to the episode; those before it began are left out
     """
 
     images: th.Tensor
     missions: th.Tensor
-    began: th.Tensor
+
+    @cached_property
+    def began(self) -> th.Tensor:
+        """(B, T) bool, which images belong to the episode: the first that is not blank, those after it and the present one."""
+        began = self.images.flatten(2).any(dim=-1).cumsum(dim=1) > 0
+        began[:, -1] = True
+        return began
 
     def sequences(self) -> Sequences:
         """:return: the same without what was before the episodes began"""
@@ -73,9 +82,7 @@ def windows(observations: Observations) -> Windows:
         if history.shape[2:] != images.shape[2:]:
             history = history.movedim(-1, 2)  # SB3 turns a picture to have its channels first, but not the pictures before it
         images = th.cat([history, images], dim=1)
-    began = images.flatten(2).any(dim=-1).cumsum(dim=1) > 0  # (B, n + 1)
-    began[:, -1] = True
-    return Windows(images, missions_of(observations), began)
+    return Windows(images, missions_of(observations))
 
 
 def unpadded(observations: Observations, n_seq: int) -> tuple[Sequences, th.Tensor]:
@@ -114,17 +121,21 @@ def missions_of(observations: Observations) -> th.Tensor:
     return observations.get("mission", images.new_zeros(len(images), 1))
 
 
-def distinct(*parts: th.Tensor) -> tuple[th.Tensor, th.Tensor]:
+def distinct(rows: th.Tensor, more: th.Tensor | None = None) -> tuple[th.Tensor, th.Tensor]:
     """
-    Rows that occur, each once. Compares 64-bit hashes, as sorting whole rows costs more than the encoding it would save;
-    two different rows among a million share a hash with probability 3e-8.
+    Rows that occur, each once. Of large pictures, and on other devices than the CPU, 64-bit hashes are compared, as sorting
+    whole rows costs more than the encoding it would save; two different rows among a million share a hash with probability 3e-8.
 
-    :param parts: (N, D) each, of any integral values: what N rows have side by side
+    :param rows: (N, D) of any integral values
+    :param more: (N, E), what stands beside each
     :return: index of one representative a distinct row (U,), and for every row the position of its representative (N,)
     """
-    widths = [part.shape[1] for part in parts]
-    weights = hash_weights(sum(widths), parts[0].device).split(widths)
-    hashes = reduce(th.add, map(hashed, parts, weights))
+    more = rows[:, :0] if more is None else more
+    if type(rows) is th.Tensor and rows.device.type == "cpu" and rows.numel() <= LONGS_AT_ONCE:
+        first, position = distinct_rows(rows.long().numpy(), more.long().numpy())
+        return th.from_numpy(first), th.from_numpy(position)
+    weights = hash_weights(rows.shape[1] + more.shape[1], rows.device)
+    hashes = hashed(rows, weights[: rows.shape[1]]) + hashed(more, weights[rows.shape[1] :])
     _, inverse = th.unique(hashes, return_inverse=True)
     first = th.empty(int(inverse.max()) + 1, dtype=th.long, device=hashes.device)
     first[inverse] = th.arange(len(hashes), device=hashes.device)
@@ -133,7 +144,7 @@ def distinct(*parts: th.Tensor) -> tuple[th.Tensor, th.Tensor]:
 
 def hashed(rows: th.Tensor, weights: th.Tensor) -> th.Tensor:
     """:return: (N,) int64, sums of a row's values times the weights (D,)"""
-    at_once = max(1, LONGS_AT_ONCE // len(weights))
+    at_once = max(1, LONGS_AT_ONCE // max(1, len(weights)))
     return th.cat([(part.long() * weights).sum(dim=1) for part in rows.split(at_once)])
 
 

@@ -196,7 +196,7 @@ def test_windows_of_turned_pictures(kind):
     env = make_vec_env(lambda: HistoryWrapper(Signal(kind, 5), 2), 2)
     model = PPO("GuidePolicy", env, n_steps=8, batch_size=16).learn(16)
     obs = {name: th.as_tensor(part) for name, part in model.get_env().reset().items()}
-    assert windows(obs).images.shape[1:] == model.observation_space["image"].shape
+    assert windows(obs).images.shape[2:] == model.observation_space["image"].shape
 
 
 @pytest.mark.parametrize("kind", KINDS)
