@@ -23,7 +23,7 @@ from sb3_guide.files import read_json, write_json
 SNAKEFILE = Path(__file__).with_name("Snakefile")
 RUN_VARIABLE = "SB3_GUIDE_RUN"  # in the environment of every process of a run: the run's folder
 POLL_SECONDS = 0.5
-COMPILE = (sys.executable, "-c", "from sb3_guide.envs.batch import compile_engine; compile_engine()")
+COMPILE = (sys.executable, "-m", "sb3_guide.experiments.workflow.compiling")
 ENGINE_SECONDS = "engine_seconds.json"
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # Ctrl-C; kill; a terminal that is closed
 
@@ -174,8 +174,8 @@ def run_workflow(config: dict[str, Any], cores: int, folder: Path) -> float:
 
 class Engine:
     """
-    Compiles the levels' engine in a process of its own while Snakemake plans. The first stage that needs the engine waits for
-    it. If it is compiled already, the process ends in a moment.
+    Compiles the levels' engine in a process of its own while Snakemake plans, and the agents' networks while the expert
+    learns. A stage that needs the engine earlier waits for it. If all is compiled already, the process ends in a moment.
 
     :param folder: of the logs, made if need be
     :param environment: of the process
