@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from matplotlib.ticker import PercentFormatter
+from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from benchmarks.experts import of_expert
 from sb3_guide.cloning import mission_seeds
@@ -30,6 +30,7 @@ from sb3_guide.files import read_json
 from sb3_guide.language.pictures import save_figure
 from sb3_guide.policies import load_agent
 
+ROOMS = ["GoToObj", "GoToLocal", "PickupLoc", "PutNextLocal"]
 KEY = ["level", "seed", "instructions", "commit"]
 INSTRUCTIONS: dict[str, dict[str, str]] = {  # variables that hide a processor's larger units from torch
     "AVX2": {"ONEDNN_MAX_CPU_ISA": "AVX2", "ATEN_CPU_CAPABILITY": "avx2"},
@@ -109,6 +110,13 @@ def add(path: Path, rows: list[dict[str, Any]]) -> None:
     write_table(path, [*(read_table(path) if path.is_file() else []), *rows])
 
 
+def in_order(path: Path) -> pd.DataFrame:
+    """:return: what a CSV file holds, easier levels first, and by seed"""
+    table = pd.read_csv(path, dtype={"commit": str})
+    place = table["level"].map(lambda level: ROOMS.index(level) if level in ROOMS else len(ROOMS))
+    return table.assign(place=place).sort_values(["place", "seed"], kind="stable").drop(columns="place")
+
+
 def lines(table: pd.DataFrame) -> list[str]:
     """:return: of Markdown, a row for each training"""
     found = [
@@ -141,6 +149,7 @@ def draw(curves: pd.DataFrame) -> Figure:
         panel.set_title(level, fontsize=10, loc="left")
         panel.set_xlabel("million frames")
         panel.set_xlim(left=0)
+        panel.xaxis.set_major_locator(MaxNLocator(4))
         panel.set_ylim(0, 1.02)
         panel.yaxis.set_major_formatter(PercentFormatter(1))
         panel.spines[["top", "right"]].set_visible(False)
@@ -153,7 +162,7 @@ def draw(curves: pd.DataFrame) -> Figure:
 def main() -> None:
     """Run what is missing and print all."""
     parser = argparse.ArgumentParser(description="Train experts by their recipes. Other options go to sb3-guide expert.")
-    parser.add_argument("--levels", nargs="+", default=["GoToObj", "GoToLocal", "PickupLoc", "PutNextLocal"])
+    parser.add_argument("--levels", nargs="+", default=ROOMS)
     parser.add_argument("--seeds", type=int, default=3, help="how many of each level")
     parser.add_argument("--first-seed", type=int, default=0, help="seeds from this one on")
     parser.add_argument("--instructions", choices=INSTRUCTIONS, default="all", help="of the processor that torch may use")
@@ -175,9 +184,8 @@ def main() -> None:
                 found, points = measure(key, folder, options, missions)
                 add(curves, points)
                 add(rows, [found])
-    table = pd.read_csv(rows, dtype={"commit": str})
-    print("\n".join(lines(table)))
-    save_figure(draw(pd.read_csv(curves, dtype={"commit": str})), tables / "recipes.png")
+    print("\n".join(lines(in_order(rows))))
+    save_figure(draw(in_order(curves)), tables / "recipes.png")
 
 
 if __name__ == "__main__":
