@@ -186,7 +186,7 @@ class CompactVision(Vision):
         return numbers
 
     def whole_view(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
-        weight, bias = self.convolution.parameters()
+        weight, bias = self.convolution.weight, self.convolution.bias
         if self.whole is None:
             cells = images.flatten(1, 2).long()  # (N, cells, channels)
             return transform(self.modulated_each(cells, instructions, row).flatten(1), weight, bias)

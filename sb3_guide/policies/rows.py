@@ -70,3 +70,17 @@ def number_cells(cells: np.ndarray, counts: np.ndarray, numbers: np.ndarray) -> 
             number = number * counts[channel] + value
         numbers[cell] = number
     return True
+
+
+@njit(**OPTIONS)
+def add_rows(rows: np.ndarray, index: np.ndarray, total: np.ndarray) -> None:
+    """
+    Add up rows that belong together, one after the other.
+
+    :param rows: (N, D) float32
+    :param index: (N,) int64, to which row of the total each is added
+    :param total: (R, D) float32
+    """
+    for row in range(len(rows)):
+        for place in range(rows.shape[1]):
+            total[index[row], place] += rows[row, place]

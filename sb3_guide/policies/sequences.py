@@ -124,7 +124,7 @@ def missions_of(observations: Observations) -> th.Tensor:
 def distinct(rows: th.Tensor, more: th.Tensor | None = None) -> tuple[th.Tensor, th.Tensor]:
     """
     Rows that occur, each once. Of large pictures, and on other devices than the CPU, 64-bit hashes are compared, as sorting
-    whole rows costs more than the encoding it would save; two different rows among a million share a hash with probability 3e-8.
+    whole rows costs more than the encoding it would save; two rows among a million share a hash with probability 3e-8.
 
     :param rows: (N, D) of any integral values
     :param more: (N, E), what stands beside each
