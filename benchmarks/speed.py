@@ -15,6 +15,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import redirect_stdout
+from dataclasses import asdict
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Annotated, Any
@@ -113,7 +114,10 @@ def levels(level: str) -> dict[str, Turn]:
 
 def models(algorithm: Callable[..., OnPolicyAlgorithm], peer: str, level: str) -> dict[str, OnPolicyAlgorithm]:
     """:return: the algorithm as it comes, with its peer's policy and with ours"""
-    known = {GUIDED: {"guide": PretrainedGuide.untrained()}}
+    guide = asdict(PretrainedGuide.untrained().description)
+    if algorithm is not RecurrentPPO:
+        guide |= {"policy": "GuidePolicy", "history": DEFAULT_HISTORY}
+    known = {GUIDED: {"guide": guide}}
     policies = {peer: peer, **POLICIES}
     return {
         name: algorithm(policy, level_of(level).env_id, seed=0, device="cpu", policy_kwargs=known.get(name))
