@@ -1,12 +1,12 @@
 """
-Every speed as a ratio to its peer's, with all of this processor's instructions and with AVX2 alone:
+Every speed beside its peer's, with all of this processor's instructions and with AVX2 alone:
 
     python -m benchmarks.speed --out docs/results/speed.json      # one core, nothing else running
 
 Levels beside Minigrid's; PPO, A2C, RecurrentPPO and predict, for one world and with the settings that they come with, beside
 SB3's and sb3-contrib's own policies; cloning beside stock imitation, which clones single frames with window memory. Peer and
 ours take turns in one process, as a machine's speed drifts, and each kind of instructions has a process of its own. Speeds are
-per second of CPU time, a ratio is the median over the turns. Where a ratio has a goal, it follows in brackets.
+per second of CPU time. A ratio is the median over the turns, and its goal, where there is one, follows in brackets.
 """
 
 import os
@@ -17,6 +17,7 @@ from collections.abc import Callable
 from contextlib import redirect_stdout
 from dataclasses import asdict
 from datetime import datetime, timezone
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -30,8 +31,6 @@ from imitation.util.logger import HierarchicalLogger
 from sb3_contrib import RecurrentPPO
 from stable_baselines3 import A2C, PPO
 from stable_baselines3.common.logger import Logger
-from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
-from tqdm import tqdm
 
 from benchmarks.env_speed import minigrid, ours
 from benchmarks.versions import processor, this_commit, versions
@@ -51,16 +50,17 @@ from sb3_guide.policies import (
     RecurrentLearnerPolicy,
 )
 
-Turn = Callable[[], int]  # does some work, and says how much: steps, calls or frames
+Turn = Callable[[], float]  # does some work, and returns its speed
+Contest = dict[str, Turn]  # by name, the peer first
 
-PLACE = Path("runs/speed")  # of demonstrations and compiled code, which later calls use again
-AVX2 = {  # what hides larger units from oneDNN, ATen, MKL, numba, numpy and its BLAS
+PLACE = Path("runs/speed").absolute()  # of demonstrations and compiled code, for later calls too
+AVX2 = {  # hides larger units from oneDNN, ATen, MKL, numba, numpy and its BLAS
     "ONEDNN_MAX_CPU_ISA": "AVX2",
     "ATEN_CPU_CAPABILITY": "avx2",
     "MKL_ENABLE_INSTRUCTIONS": "AVX2",
     "NUMBA_CPU_NAME": "haswell",
     "NUMBA_CPU_FEATURES": "+avx2,+bmi,+bmi2,+fma",
-    "NUMBA_CACHE_DIR": str(PLACE.absolute() / "compiled_for_avx2"),
+    "NUMBA_CACHE_DIR": str(PLACE / "compiled_for_avx2"),
     "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_SKX AVX512_ICL AVX512_SPR",
     "OPENBLAS_CORETYPE": "Haswell",
 }
@@ -73,10 +73,9 @@ CLONED: dict[str, type[AgentPolicy]] = {
     GUIDE: RecurrentGuidePolicy,
     GUIDED: RecurrentGuidedLearnerPolicy,
 }
-# Times the peer, by row and agent: with all instructions, with AVX2
-GOALS: dict[tuple[str, str], tuple[float, float]] = {
+GOALS: dict[tuple[str, str], tuple[float, float]] = {  # times the peer: with all instructions, with AVX2
     ("levels, steps", "GuideGridVecEnv"): (615, 615),
-    **{(f"{name}, steps", agent): (0.6, 0.6) for name in ("PPO", "A2C") for agent in (LEARNER, GUIDE)},
+    **{(f"{algorithm}, steps", agent): (0.6, 0.6) for algorithm in ("PPO", "A2C") for agent in (LEARNER, GUIDE)},
     **{("RecurrentPPO, steps", agent): (10, 10) for agent in (LEARNER, GUIDE)},
     ("PPO's predict, calls", LEARNER): (1, 1),
     ("PPO's predict, calls", GUIDE): (0.7, 0.7),
@@ -89,75 +88,74 @@ GOALS: dict[tuple[str, str], tuple[float, float]] = {
 }
 
 MANY_WORLDS, FEW_WORLDS = 1024, 8  # of ours, and of Minigrid's, where a step of each costs the same
-STEPS, CALLS = 500, 200  # of a turn of levels and of A2C, and of predict
-FRAMES = 2048  # in a batch of stock imitation's
-EPISODES = 2048  # demonstrations
+STEPS, CALLS = 200, 200  # of a turn: of levels and A2C, and of predict
+FRAMES = 2048  # in a batch of stock imitation
+EPISODES = 1024  # demonstrations, of an epoch
 
 
-def levels(level: str) -> dict[str, Turn]:
-    """:return: steps with random actions, resets included"""
-
-    def turn_of(step: Callable[[np.ndarray], object], worlds: int) -> Turn:
-        actions = np.random.default_rng(0).integers(len(ACTIONS), size=(STEPS, worlds))
-
-        def turn() -> int:
-            with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere):  # Minigrid prints every grid that it rejects
-                for row in actions:
-                    step(row)
-            return actions.size
-
-        return turn
-
-    theirs = turn_of(minigrid(level, FEW_WORLDS), FEW_WORLDS)
-    return {"Minigrid in DummyVecEnv": theirs, "GuideGridVecEnv": turn_of(ours(level, MANY_WORLDS), MANY_WORLDS)}
+def cpu_seconds(work: Callable[[], object]) -> float:
+    """:return: that the work took"""
+    start = time.process_time()
+    work()
+    return time.process_time() - start
 
 
-def models(algorithm: Callable[..., OnPolicyAlgorithm], peer: str, level: str) -> dict[str, OnPolicyAlgorithm]:
+def levels(level: str) -> Contest:
+    """:return: steps of single worlds with random actions, resets included"""
+
+    def turn(step: Callable[[np.ndarray], object], actions: np.ndarray) -> float:
+        with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere):  # Minigrid prints every grid that it rejects
+            return actions.size / cpu_seconds(lambda: [step(row) for row in actions])
+
+    actions = np.random.default_rng(0).integers(len(ACTIONS), size=(STEPS, MANY_WORLDS))
+    return {
+        "Minigrid in DummyVecEnv": partial(turn, minigrid(level, FEW_WORLDS), actions[:, :FEW_WORLDS]),
+        "GuideGridVecEnv": partial(turn, ours(level, MANY_WORLDS), actions),
+    }
+
+
+def models(algorithm: Any, peer: str, level: str) -> dict[str, Any]:
     """:return: the algorithm as it comes, with its peer's policy and with ours"""
     guide = asdict(PretrainedGuide.untrained().description)
     if algorithm is not RecurrentPPO:
         guide |= {"policy": "GuidePolicy", "history": DEFAULT_HISTORY}
-    known = {GUIDED: {"guide": guide}}
-    policies = {peer: peer, **POLICIES}
     return {
-        name: algorithm(policy, level_of(level).env_id, seed=0, device="cpu", policy_kwargs=known.get(name))
-        for name, policy in policies.items()
+        name: algorithm(policy, level_of(level).env_id, seed=0, policy_kwargs={"guide": guide} if name == GUIDED else None)
+        for name, policy in {peer: peer, **POLICIES}.items()
     }
 
 
-def training(algorithm: Callable[..., OnPolicyAlgorithm], peer: str, level: str) -> dict[str, Turn]:
-    """:return: whole rollouts, collected and trained on"""
+def training(algorithm: Any, peer: str, level: str) -> Contest:
+    """:return: steps, collected and trained on; of the epochs on the same rollout one is run, and counts as all of them"""
 
-    def turn_of(model: OnPolicyAlgorithm) -> Turn:
+    def turn(model: Any, train: Callable[[], None], epochs: int) -> float:
+        spent: list[float] = []
+        model.train, model.n_epochs = lambda: spent.append(cpu_seconds(train)), 1
         steps = model.n_steps * (STEPS // model.n_steps or 1)
+        return steps / (cpu_seconds(lambda: model.learn(steps)) + (epochs - 1) * sum(spent))
 
-        def turn() -> int:
-            model.learn(steps)
-            return steps
-
-        return turn
-
-    return {name: turn_of(model) for name, model in models(algorithm, peer, level).items()}
+    built = models(algorithm, peer, level)
+    return {name: partial(turn, model, model.train, getattr(model, "n_epochs", 1)) for name, model in built.items()}
 
 
-def predicting(algorithm: Callable[..., OnPolicyAlgorithm], peer: str, level: str) -> dict[str, Turn]:
+def predicting(algorithm: Any, peer: str, level: str) -> Contest:
     """:return: calls for one world, each with another observation"""
 
-    def turn_of(model: OnPolicyAlgorithm) -> Turn:
-        env = model.get_env()
-        assert env is not None
-        env.reset()
-        seen: list[Any] = [env.step(env.action_space.sample()[None])[0] for _ in range(CALLS)]
+    def turn(model: Any, seen: list[Any]) -> float:
+        state = None
 
-        def turn() -> int:
-            state = None
+        def play() -> None:
+            nonlocal state
             for observation in seen:
                 _, state = model.predict(observation, state)
-            return CALLS
 
-        return turn
+        return CALLS / cpu_seconds(play)
 
-    return {name: turn_of(model) for name, model in models(algorithm, peer, level).items()}
+    def observations(env: Any) -> list[Any]:
+        env.reset()
+        return [env.step(env.action_space.sample()[None])[0] for _ in range(CALLS)]
+
+    return {name: partial(turn, model, observations(model.env)) for name, model in models(algorithm, peer, level).items()}
 
 
 def transitions(demonstrations: Demonstrations) -> list[dict[str, Any]]:
@@ -178,9 +176,9 @@ def transitions(demonstrations: Demonstrations) -> list[dict[str, Any]]:
     ]
 
 
-def cloning(level: str, size: str, batch_size: int, arithmetic: str | None = None) -> dict[str, Turn]:
-    """:return: epochs"""
-    use_threads(1)  # as every stage does: the same sums each time
+def cloning(level: str, size: str, batch_size: int, arithmetic: str | None = None) -> Contest:
+    """:return: frames, in epochs; ours in batches of so many episodes"""
+    use_threads(1)  # as all stages: the same sums each time
     demonstrations = load_demonstrations(demonstrations_of(level))
     logger = HierarchicalLogger(Logger(folder=None, output_formats=[]))
 
@@ -188,124 +186,83 @@ def cloning(level: str, size: str, batch_size: int, arithmetic: str | None = Non
         space, actions = observation_space(history), spaces.Discrete(len(ACTIONS))
         return policy(space, actions, lambda _: 1e-3, ortho_init=False, size=size, **arguments)
 
+    def turn(algorithm: bc.BC, frames: int) -> float:
+        return frames / cpu_seconds(lambda: algorithm.train(n_epochs=1, progress_bar=False))
+
     def stock() -> Turn:
         policy, batches = untrained(LearnerPolicy, DEFAULT_HISTORY), transitions(demonstrations)
-        algorithm = bc.BC(
-            observation_space=policy.observation_space,
-            action_space=policy.action_space,
-            rng=np.random.default_rng(0),
-            policy=policy,
-            demonstrations=batches,
-            batch_size=FRAMES,
-            custom_logger=logger,
-        )
-        return turn_of(algorithm, len(batches) * FRAMES)
+        spaces_of = {"observation_space": policy.observation_space, "action_space": policy.action_space}
+        loop = {"rng": np.random.default_rng(0), "demonstrations": batches, "batch_size": FRAMES, "custom_logger": logger}
+        return partial(turn, bc.BC(policy=policy, **spaces_of, **loop), len(batches) * FRAMES)
 
     def whole_episodes(agent: str) -> Turn:
-        guide = {"guide": PretrainedGuide.untrained(size=size)} if agent == GUIDED else {}
-        algorithm, loader = episode_bc(
-            untrained(CLONED[agent], 0, **guide),
-            demonstrations,
-            batch_size=batch_size,
-            learning_rate=1e-3,
-            ent_weight=0.01,
-            seed=0,
-            arithmetic=arithmetic,
-            logger=logger,
-        )
-        return turn_of(algorithm, sum(int(batch["obs"].get("length").sum()) for batch in loader))
-
-    def turn_of(algorithm: bc.BC, frames: int) -> Turn:
-        def turn() -> int:
-            algorithm.train(n_epochs=1, progress_bar=False)
-            return frames
-
-        return turn
+        policy = untrained(CLONED[agent], 0, **({"guide": PretrainedGuide.untrained(size=size)} if agent == GUIDED else {}))
+        settings: dict[str, Any] = {"batch_size": batch_size, "learning_rate": 1e-3, "ent_weight": 0.01, "seed": 0}
+        algorithm, loader = episode_bc(policy, demonstrations, arithmetic=arithmetic, logger=logger, **settings)
+        return partial(turn, algorithm, sum(int(batch["obs"].get("length").sum()) for batch in loader))
 
     return {"stock imitation": stock(), **{agent: whole_episodes(agent) for agent in CLONED}}
 
 
-def contests(level: str, size: str) -> dict[str, Callable[[], dict[str, Turn]]]:
-    """:return: what takes turns in each row, the peer first"""
+def contests(level: str, size: str) -> dict[str, Callable[[], Contest]]:
+    """:return: what is compared, by name"""
     stock, recurrent = "MultiInputPolicy", "MultiInputLstmPolicy"
     return {
-        "levels, steps": lambda: levels(level),
-        "PPO, steps": lambda: training(PPO, stock, level),
-        "A2C, steps": lambda: training(A2C, stock, level),
-        "RecurrentPPO, steps": lambda: training(RecurrentPPO, recurrent, level),
-        "PPO's predict, calls": lambda: predicting(PPO, stock, level),
-        "RecurrentPPO's predict, calls": lambda: predicting(RecurrentPPO, recurrent, level),
-        "cloning, batches of 256, frames": lambda: cloning(level, size, 256),
-        "cloning, batches of 32, frames": lambda: cloning(level, size, 32),
-        "cloning, batches of 256, always bfloat16, frames": lambda: cloning(level, size, 256, "bfloat16"),
+        "levels, steps": partial(levels, level),
+        "PPO, steps": partial(training, PPO, stock, level),
+        "A2C, steps": partial(training, A2C, stock, level),
+        "RecurrentPPO, steps": partial(training, RecurrentPPO, recurrent, level),
+        "PPO's predict, calls": partial(predicting, PPO, stock, level),
+        "RecurrentPPO's predict, calls": partial(predicting, RecurrentPPO, recurrent, level),
+        "cloning, batches of 256, frames": partial(cloning, level, size, 256),
+        "cloning, batches of 32, frames": partial(cloning, level, size, 32),
+        "cloning, batches of 256, always in bfloat16, frames": partial(cloning, level, size, 256, "bfloat16"),
     }
 
 
 def demonstrations_of(level: str) -> Path:
-    """:return: file of its expert's episodes, made where there is none"""
+    """:return: file of episodes of the level's expert, recorded where there is none"""
     file = PLACE / f"{level}.safetensors"
     if not file.exists():
         record_demonstrations(level, expert_folder(level), "train", EPISODES, file, threads=1)
     return file
 
 
-def speed(turn: Turn) -> float:
-    """:return: work a second of CPU time"""
-    start = time.process_time()
-    done = turn()
-    return done / (time.process_time() - start)
-
-
-def gigaflops() -> float:
+def matmul_gigaflops() -> float:
     """:return: GFLOP/s of multiplying square matrices of 32 bits, the best of ten"""
     matrix = th.randn(1024, 1024)
-
-    def turn() -> int:
-        matrix @ matrix
-        return 2 * 1024**3
-
-    return max(speed(turn) for _ in range(10)) / 1e9
+    return 2 * 1024**3 / min(cpu_seconds(lambda: matrix @ matrix) for _ in range(10)) / 1e9
 
 
 def measure(level: str, size: str, turns: int, only: str) -> dict[str, Any]:
     """:return: a row for each of ours, and what this process takes the processor for"""
     th.set_num_threads(1)
     rows: list[dict[str, Any]] = []
-    for name, build in tqdm(contests(level, size).items(), disable=None):
-        if only not in name:
+    for what, build in contests(level, size).items():
+        if only not in what:
             continue
         peer, *agents = contest = build()
-        speeds = np.array([[speed(turn) for turn in contest.values()] for _ in range(turns + 1)])[1:]  # the first warms up
+        speeds = np.array([[turn() for turn in contest.values()] for _ in range(turns + 1)])[1:]  # the first warms up
         for agent, of_agent in zip(agents, speeds.T[1:], strict=True):
-            low, times, high = np.quantile(of_agent / speeds[:, 0], [0.25, 0.5, 0.75])
-            rows.append(
-                {
-                    "what": name,
-                    "agent": agent,
-                    "peer": peer,
-                    "peer_per_second": round(np.median(speeds[:, 0])),
-                    "per_second": round(np.median(of_agent)),
-                    "times": round(times, 3),
-                    "quartiles": [round(low, 3), round(high, 3)],
-                }
-            )
-    return {"capability": th.backends.cpu.get_cpu_capability(), "matmul_gigaflops": round(gigaflops()), "rows": rows}
+            low, times, high = np.quantile(of_agent / speeds[:, 0], [0.25, 0.5, 0.75]).round(3).tolist()
+            medians = {"peer_per_second": round(np.median(speeds[:, 0])), "per_second": round(np.median(of_agent))}
+            rows.append({"what": what, "agent": agent, "peer": peer, **medians, "times": times, "quartiles": [low, high]})
+            print(f"{what:52} {agent:15} {medians['per_second']:>9,} {times:7.2f} ({low:.2f} to {high:.2f})", file=sys.stderr)
+    return {"capability": th.backends.cpu.get_cpu_capability(), "matmul_gigaflops": round(matmul_gigaflops()), "rows": rows}
 
 
 def table(kinds: dict[str, dict[str, Any]]) -> str:
     """:return: Markdown, a row for each of ours"""
     names = [f"{part}, {kind}" for kind in kinds for part in ("peer's", "ours", "times (goal)")]
-    lines = [f"| what | ours | peer | {' | '.join(names)} |", "|---" * (3 + len(names)) + "|"]
+    lines = [f"| a second of | agent | peer | {' | '.join(names)} |", "|---" * (3 + len(names)) + "|"]
     for alike in zip(*(kind["rows"] for kind in kinds.values()), strict=True):
-        first = alike[0]
-        cells = [first["what"], first["agent"], first["peer"]]
-        for place, row in enumerate(alike):
-            goals = GOALS.get((row["what"], row["agent"]))
-            goal = f" ({goals[place]:g})" if goals else ""
-            cells += [f"{row['peer_per_second']:,}", f"{row['per_second']:,}", f"{row['times']:.2f}{goal}"]
+        cells = [alike[0][name] for name in ("what", "agent", "peer")]
+        goals = GOALS.get((cells[0], cells[1]), (None, None))
+        for row, goal in zip(alike, goals, strict=True):
+            aimed = f" ({goal:g})" if goal else ""
+            cells += [f"{row['peer_per_second']:,}", f"{row['per_second']:,}", f"{row['times']:.2f}{aimed}"]
         lines.append(f"| {' | '.join(cells)} |")
-    matrices = [cell for kind in kinds.values() for cell in ("", f"{kind['matmul_gigaflops']}", "")]
-    return "\n".join([*lines, f"| products of matrices of 32 bits, GFLOP/s | | | {' | '.join(matrices)} |"])
+    return "\n".join(lines)
 
 
 def main(
