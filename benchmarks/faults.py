@@ -303,7 +303,6 @@ GuideGrid-GoToObj-v0:
   batch_size: 32
   learning_rate: lin_0.001
   ent_weight: 0.01
-  policy_kwargs: {ortho_init: false}
 """
     CONDITIONS = """\
 conditions:

@@ -10,13 +10,15 @@ import torch as th
 from sb3_contrib import RecurrentPPO
 from stable_baselines3 import A2C, PPO
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
-from torch.utils._pytree import tree_map_only
+from typer import BadParameter
 
+from benchmarks import accelerator
 from sb3_guide import GuideGridVecEnv, load_agent, load_expert, metrics, save_agent, speak
-from sb3_guide.callbacks import CICCallback, SuccessRateCallback, restore_training
-from sb3_guide.callbacks.checkpoint import training_state
+from sb3_guide.callbacks import CICCallback, SuccessRateCallback, TrainingCheckpoint, restore_training
+from sb3_guide.callbacks.checkpoint import load_state, random_streams
 from sb3_guide.cloning import Demonstrations, Validation, mission_seeds, play
 from sb3_guide.cloning.bc import episode_bc
+from sb3_guide.files import read_json
 from sb3_guide.language import ablate, ablations, learn, obey, read
 from sb3_guide.policies import AgentPolicy, GuidePolicy, RecurrentGuidePolicy, RecurrentLearnerPolicy
 from sb3_guide.policies.interventions import INTERVENTIONS, Chosen, Marginal, Scene
@@ -54,6 +56,19 @@ def test_the_other_device_is_another_one():
             there.numpy()
 
 
+def test_the_other_device_draws_from_a_stream_of_its_own(tmp_path):
+    with other_device() as device:
+        th.manual_seed(0)  # of both streams
+        before = th.get_rng_state()
+        drawn = th.rand(3, device=device)
+        th.save(drawn, tmp_path / "drawn.pt")
+        actions = [th.ones(100, device=device).multinomial(9).cpu().tolist() for _ in range(2)]
+        assert actions[0] != actions[1]
+        assert th.equal(th.get_rng_state(), before)
+        assert drawn.cpu().tolist() == th.rand(3).tolist() == th.load(tmp_path / "drawn.pt", weights_only=True).tolist()
+    assert not hasattr(th, "meta")
+
+
 def values(policy: AgentPolicy, device: th.device) -> dict[str, np.ndarray]:
     """:return: the weights of a policy that is on a device"""
     assert policy.device == device
@@ -76,6 +91,7 @@ def test_training_with_callbacks(algorithm, policy, tmp_path):
         callbacks = [SuccessRateCallback(), *([] if policy == "LearnerPolicy" else [CICCallback()])]
         env = GuideGridVecEnv("GuideGrid-GoToObj-v0", 2, seed=0)
         model = algorithm(policy, env, seed=0, policy_kwargs=kwargs, device=device, **ALGORITHMS[algorithm])
+        th.manual_seed(1)  # weights were drawn on the CPU; from now on its stream and the other device's draw the same
         model.learn(8, callback=callbacks)
         save_agent(model.policy, tmp_path / device.type)
         return values(model.policy, device)
@@ -86,19 +102,24 @@ def test_training_with_callbacks(algorithm, policy, tmp_path):
 
 
 @pytest.mark.parametrize("algorithm", [PPO, RecurrentPPO])
-def test_training_goes_on_where_it_was_interrupted(algorithm):
+def test_training_goes_on_where_it_was_interrupted(algorithm, tmp_path):
     def build() -> OnPolicyAlgorithm:
         env = GuideGridVecEnv("GuideGrid-GoToObj-v0", 2, seed=0)
         return algorithm("GuidePolicy", env, seed=0, policy_kwargs=PLAIN, device=device, **ALGORITHMS[algorithm])
 
-    with other_device() as device:
-        whole = build().learn(8)
-        state = tree_map_only(th.Tensor, lambda part: part.cpu().clone(), training_state(whole))  # as it is read from a file
-        whole.learn(8, reset_num_timesteps=False)
+    def resume(state: dict[str, Any]) -> dict[str, np.ndarray]:
         resumed = build()
-        restore_training(resumed, {**state, "watched": []})
+        restore_training(resumed, state)
+        assert resumed.num_timesteps == 8
         resumed.learn(8, reset_num_timesteps=False)
-        assert_close(values(resumed.policy, device), values(whole.policy, device))
+        return values(resumed.policy, device)
+
+    with other_device() as device:
+        whole = build().learn(16, callback=TrainingCheckpoint(tmp_path / "training.pt", every_n_rollouts=1))
+        state, expected = load_state(tmp_path / "training.pt"), values(whole.policy, device)
+        assert all(np.array_equal(weight, expected[name]) for name, weight in resume(state).items())
+        other_draws = resume({**state, "random": {**state["random"], "accelerator": {}}})  # from a stream that was seeded anew
+        assert not all(np.array_equal(weight, expected[name]) for name, weight in other_draws.items())
 
 
 @pytest.fixture(scope="module")
@@ -112,14 +133,22 @@ def shipped(agent: str) -> AgentPolicy:
     return make_policy(RecurrentLearnerPolicy) if agent == "learner" else load_agent(speaker_folder("GoToObj", agent))
 
 
+def torch_streams(device: th.device) -> list[th.Tensor]:
+    """:return: states of torch's generators, the CPU's and the device's"""
+    streams = random_streams(device)
+    return [streams["torch"], *streams["accelerator"].values()]
+
+
 @pytest.mark.parametrize("agent", ["learner", "guide", "guided"])
 def test_cloning_and_validation(agent, demonstrations):
     def clone(device: th.device) -> dict[str, float]:
         policy = shipped(agent).to(device)
         algorithm, _ = episode_bc(policy, demonstrations, batch_size=4, learning_rate=1e-3, ent_weight=0.01, seed=0)
         validation = Validation(policy, SEEDS, [demonstrations])
+        before = torch_streams(device)
         algorithm.train(n_epochs=1, on_epoch_end=validation, progress_bar=False)
         assert policy.device == device
+        assert all(map(th.equal, torch_streams(device), before))  # the noise is the loss's own, which checkpoints keep
         return validation.history[0]
 
     cloned, there = on_both(clone)
@@ -168,3 +197,42 @@ def test_metrics():
 
     measured, there = on_both(measure)
     assert measured == pytest.approx(there, abs=1e-6)
+
+
+def test_the_comparison_of_an_accelerator_with_the_cpu_can_be_tried_without_one(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(accelerator, "found_accelerator", lambda: None)
+    accelerator.main(tmp_path / "found.json", seconds=600)
+    tables = read_json(tmp_path / "found.json")["tables"]
+    assert list(tables) == ["Agreement", "Largest difference of weights after a restart", "Reinforcement learning", "Cloning"]
+    agreement, restart, *speeds = tables.values()
+    assert [row["agree"] for row in agreement] == ["yes"] * 12
+    assert [row["resumed"] for row in restart] == [0.0] * 4
+    assert [bool(row["without the device's random stream"]) for row in restart] == [False, True] * 2
+    for table in speeds:
+        assert all(row["CPU: frames/s"] > 0 and row["meta: frames/s"] > 0 for row in table)
+    printed = capsys.readouterr().out
+    assert "whose times mean nothing" in printed
+    assert printed.count("\n| ") == sum(map(len, tables.values())) + len(tables)
+
+
+def test_batches_grow_until_something_stops_them():
+    def measure(batch: int, device: th.device) -> dict[str, float]:
+        if batch == 64:
+            raise th.cuda.OutOfMemoryError("CUDA out of memory")
+        return {"frames/s": 100.0 * min(batch, most)}
+
+    def climb(seconds: float) -> list[Any]:
+        steps = accelerator.Climb(th.device("cpu"), seconds)
+        return [steps.step(batch, measure)["frames/s"] for batch in (1, 4, 16, 64, 256)]
+
+    most = 64
+    assert climb(60.0) == [100.0, 400.0, 1600.0, "no memory", "no memory"]
+    assert climb(0.0) == [100.0, *["no time"] * 4]
+    assert climb(-1.0) == ["no time"] * 5
+    most = 4
+    assert climb(60.0) == [100.0, 400.0, 400.0, *["no faster"] * 2]
+
+
+def test_the_cpu_is_not_compared_with_itself(tmp_path):
+    with pytest.raises(BadParameter, match="name an accelerator"):
+        accelerator.main(tmp_path / "found.json", device="cpu")

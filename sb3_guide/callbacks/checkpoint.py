@@ -6,6 +6,7 @@ import random
 import warnings
 from collections import deque
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -29,9 +30,8 @@ MONITORED = ("episode_returns", "episode_lengths")  # of VecMonitor, in the mids
 class TrainingCheckpoint(BaseCallback):
     """
     Save the state of an on-policy training before a rollout starts, such that :func:`restore_training` goes on as if nothing
-    had happened (but for what an accelerator draws, whose generators are not kept). The file is written atomically: the last
-    good one is always there. The environments must be such as GuideGridVecEnv, whose state can be told, in a VecMonitor or
-    not; other wrappers would lose theirs, so they are refused.
+    had happened. The file is written atomically: the last good one is always there. The environments must be such as
+    GuideGridVecEnv, whose state can be told, in a VecMonitor or not; other wrappers would lose theirs, so they are refused.
 
     :param path: of the file
     :param watchers: callbacks whose own state belongs to it
@@ -124,7 +124,7 @@ def training_state(model: OnPolicyAlgorithm) -> dict[str, Any]:
         "policy": model.policy.state_dict(),
         "optimizer": model.policy.optimizer.state_dict(),
         "counters": {name: getattr(model, name) for name in COUNTERS},
-        "random": random_streams(),
+        "random": random_streams(model.device),
         "chance": [generator.get_state() for generator in chances(model)],
         "last_obs": tensors(model._last_obs),  # type: ignore[arg-type]
         "last_episode_starts": th.as_tensor(model._last_episode_starts),
@@ -146,7 +146,7 @@ def restore_training(model: OnPolicyAlgorithm, state: dict[str, Any], watchers: 
     """
     assert model.env is not None
     model.policy.load_state_dict(state["policy"])
-    model.policy.optimizer.load_state_dict(state["optimizer"])
+    model.policy.optimizer.load_state_dict(deepcopy(state["optimizer"]))  # torch would train on in these very tensors
     for name, value in state["counters"].items():
         setattr(model, name, value)
     model._last_obs = arrays(state["last_obs"])
@@ -165,7 +165,7 @@ def restore_training(model: OnPolicyAlgorithm, state: dict[str, Any], watchers: 
     episodes = ({name: value[()] for name, value in arrays(info).items()} for info in state["episodes"])
     model.ep_info_buffer = deque(episodes, maxlen=model._stats_window_size)
     model.ep_success_buffer = deque(state["successes"], maxlen=model._stats_window_size)
-    restore_random_streams(state["random"])
+    restore_random_streams(state["random"], model.device)
     for generator, drawn in zip(chances(model), state["chance"], strict=True):
         generator.set_state(drawn)
 
@@ -196,8 +196,11 @@ def monitor_of(env: VecEnv) -> VecMonitor | None:
     return monitor
 
 
-def random_streams() -> dict[str, Any]:
-    """:return: states of torch's, numpy's and Python's global generators, which SB3 draws from"""
+def random_streams(device: th.device) -> dict[str, Any]:
+    """
+    :param device: of the policy; actions are drawn there
+    :return: states of torch's, numpy's and Python's global generators, which SB3 draws from
+    """
     of_numpy = np.random.get_state(legacy=False)  # noqa: NPY002
     assert isinstance(of_numpy, dict)
     key = th.as_tensor(of_numpy["state"]["key"])
@@ -205,17 +208,24 @@ def random_streams() -> dict[str, Any]:
         "torch": th.get_rng_state(),
         "numpy": {**of_numpy, "state": {**of_numpy["state"], "key": key}},
         "python": random.getstate(),
+        "accelerator": {} if device.type == "cpu" else {device.type: getattr(th, device.type).get_rng_state(device)},
     }
 
 
-def restore_random_streams(streams: dict[str, Any]) -> None:
+def restore_random_streams(streams: dict[str, Any], device: th.device) -> None:
     """
+    A stream of another type of accelerator means nothing on this device, whose own stream then stays as it is. The same goes
+    for a checkpoint of an earlier version, which has none.
+
     :param streams: as :func:`random_streams` returned them
+    :param device: of the policy
     """
     th.set_rng_state(streams["torch"])
     of_numpy = streams["numpy"]
     np.random.set_state({**of_numpy, "state": {**of_numpy["state"], "key": of_numpy["state"]["key"].numpy()}})  # noqa: NPY002
     random.setstate(streams["python"])
+    if (stream := streams.get("accelerator", {}).get(device.type)) is not None:
+        getattr(th, device.type).set_rng_state(stream, device)
 
 
 def tensors(parts: dict[str, np.ndarray]) -> dict[str, th.Tensor]:

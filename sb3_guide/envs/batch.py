@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, nullcontext
-from functools import cache
+from contextlib import nullcontext
 from itertools import pairwise
-from threading import Timer
 from typing import Any, TypeAlias
 
 import numpy as np
 
+from sb3_guide.envs.compiling import first_call
 from sb3_guide.envs.consistency import problem_of
 from sb3_guide.envs.engine.cells import PADDING, STRIDE
 from sb3_guide.envs.engine.kernel import Observations, Outcomes, entry_points
 from sb3_guide.envs.engine.state import WORLD
 from sb3_guide.envs.engine.view import IMAGE_BYTES
-from sb3_guide.envs.levels import Level
+from sb3_guide.envs.levels import Level, level_of
 from sb3_guide.envs.rendering import draw_frame
 from sb3_guide.envs.seeding import HIGHEST_SEED, streams
 from sb3_guide.envs.spaces import ACTIONS, IMAGE_SHAPE
@@ -28,24 +26,6 @@ Observation: TypeAlias = dict[str, np.ndarray]
 
 _WORD = (1 << 64) - 1
 MAX_WORLDS, MAX_IMAGES = 2**18, 2**20  # in a batch; the images are those that all its worlds remember
-_PATIENCE = 3.0  # seconds; loading compiled code takes less
-
-
-@cache
-def _tell() -> None:
-    """Say once in a process what the user is waiting for."""
-    print("sb3_guide: compiling the levels' engine: about half a minute, once on this machine", file=sys.stderr, flush=True)
-
-
-@contextmanager
-def _announced() -> Iterator[None]:
-    """Tell the user if the first use of an entry point has to wait for the compiler."""
-    timer = Timer(_PATIENCE, _tell)
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
 
 
 class Batch:
@@ -250,7 +230,7 @@ class Batch:
     def _run(self, entry_point: Any, *arguments: Any) -> None:
         """Call an entry point for all worlds, in equal shares for the threads, of which the caller is one."""
         own, *others = self._shares
-        with nullcontext() if entry_point.overloads else _announced():
+        with nullcontext() if entry_point.overloads else first_call(entry_point):
             running = [self._pool().submit(entry_point, *share, *arguments) for share in others]
             entry_point(*own, *arguments)
             for share in running:
@@ -260,3 +240,12 @@ class Batch:
         if self._threads is None:
             self._threads = ThreadPoolExecutor(len(self._shares) - 1)
         return self._threads
+
+
+def compile_engine() -> None:
+    """Call every entry point once, so that all of the engine is in numba's cache."""
+    batch = Batch(level_of("GoToObj"), size=1, history=0)
+    batch.seed([0])
+    batch.reset()
+    batch.step(np.zeros(1, dtype=np.int64), go_on=True)
+    batch.picture(0)

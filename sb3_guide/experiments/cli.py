@@ -297,9 +297,9 @@ def report(
     page: Annotated[Page, typer.Option(help="The paper's claims on guidance, or how much language there is.")] = Page.guidance,
 ) -> None:
     """Write pages and figures beside the tables of a study: the paper's claims judged, or how much language there is."""
-    from sb3_guide.experiments.reproduce import PAGES
+    from sb3_guide.experiments.reproduce import write_pages
 
-    PAGES[page.value](folder)
+    write_pages(page.value, folder)
 
 
 def folder_of(agent: str, level: str | None, kind: str = "guided") -> Path:

@@ -2,20 +2,18 @@
 
 import shlex
 from collections.abc import Sequence
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
-from sb3_guide.experiments.report.channel import write_page
-from sb3_guide.experiments.report.guidance import write_pages
-from sb3_guide.experiments.report.page import write_report
-from sb3_guide.experiments.report.summary import summarise
-from sb3_guide.experiments.report.tables import write_tables
 from sb3_guide.experiments.workflow.conditions import load_catalogue
-from sb3_guide.experiments.workflow.running import locked, run_workflow
+from sb3_guide.experiments.workflow.running import compiling_seconds, locked, run_workflow
 from sb3_guide.files import write_json
 
 STAGES = "stages"  # the study that has a report of its own
-PAGES = {"guidance": write_pages, "channel": write_page}  # of all others
+# What writes the pages of all others. The modules are imported when the runs are done, as that takes seconds.
+PAGES = {"guidance": ("guidance", "write_pages"), "channel": ("channel", "write_page")}
 
 
 def reproduce(
@@ -48,13 +46,64 @@ def reproduce(
         seconds = run_workflow(config, cores, folder)
         if study == STAGES:
             repeats = 1 + max(run.seed for run in runs)
-            summary = summarise(folder, names, repeats, seconds)
-            write_json(folder / "summary.json", summary)
             command = ["sb3-guide", "reproduce", *names, "--seeds", str(repeats), "--cores", str(cores), "--out", str(out)]
             command += [] if conditions is None else ["--conditions", str(conditions)]
-            write_report(folder, summary, shlex.join(command))
+            summary = report_stages(folder, names, repeats, seconds, shlex.join(command))
+            print(times(summary, compiling_seconds(folder)))
             print(f"Done: see {out / 'report.html'}, and summary.json beside it.")
         else:
+            from sb3_guide.experiments.report.tables import write_tables
+
             write_tables(folder, folder / "report")
-            PAGES[catalogue.studies[study].page](folder / "report")
+            write_pages(catalogue.studies[study].page, folder / "report")
             print(f"Done: see {out / 'report' / 'README.md'}.")
+
+
+def write_pages(page: str, folder: Path) -> None:
+    """
+    :param page: a key of PAGES
+    :param folder: with curves.csv and finals.csv
+    """
+    module, function = PAGES[page]
+    getattr(import_module(f"sb3_guide.experiments.report.{module}"), function)(folder)
+
+
+def report_stages(folder: Path, levels: Sequence[str], seeds: int, seconds: float, command: str) -> dict[str, Any]:
+    """
+    Write summary.json and report.html.
+
+    :param folder: of a finished run
+    :param levels: names of its levels
+    :param seeds: how often stages 2 and 3 were run
+    :param seconds: that the run has taken
+    :param command: that reproduces it
+    :return: the summary
+    """
+    from sb3_guide.experiments.report.page import write_report
+    from sb3_guide.experiments.report.summary import summarise
+
+    summary = summarise(folder, levels, seeds, seconds)
+    write_json(folder / "summary.json", summary)
+    write_report(folder, summary, command)
+    return summary
+
+
+def times(summary: dict[str, Any], compiling: float | None) -> str:
+    """
+    :param summary: of a run
+    :param compiling: seconds that the engine compiled for; None if it was compiled before
+    :return: what the run has taken, in words
+    """
+    from sb3_guide.experiments.report.page import duration, stage_times
+
+    blocks = list(summary["levels"].values()) if "levels" in summary else [summary]
+    stages = [f"{row['title']} {duration(row['seconds'])}" for row in map(sum_of, zip(*map(stage_times, blocks), strict=True))]
+    engine = [] if compiling is None else [f"compiling the engine, once on this machine, {duration(compiling)}"]
+    return (
+        f"The run took {duration(summary['wall_seconds'])} (minutes:seconds). Side by side: {'; '.join([*engine, *stages])}."
+    )
+
+
+def sum_of(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """:return: title and seconds of the same kind of stage on several levels"""
+    return {"title": rows[0]["title"], "seconds": sum(row["seconds"] for row in rows)}

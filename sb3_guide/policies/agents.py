@@ -21,6 +21,7 @@ class LearnerAgent(AgentPolicy):
     An agent that acts alone.
 
     :param size: "compact", "medium" or "paper" (Table A.2)
+    :param ortho_init: SB3's orthogonal initialisation, which would undo FiLM's own
     """
 
     network_class = Learner
@@ -32,9 +33,10 @@ class LearnerAgent(AgentPolicy):
         lr_schedule: Schedule,
         *,
         size: str = "compact",
+        ortho_init: bool = False,
         **kwargs: Any,
     ) -> None:
-        own = {"size": size}
+        own, kwargs = {"size": size}, {**kwargs, "ortho_init": ortho_init}
         super().__init__(observation_space, action_space, lr_schedule, network_kwargs=own, agent_kwargs=own, **kwargs)
 
 
@@ -83,7 +85,7 @@ class GuideAgent(SpeakingAgent):
         (:class:`~sb3_guide.policies.MessageShape`)
     :param guide: an agent's folder, a :class:`PretrainedGuide` or its description: who speaks; None makes a new Guide
     :param freeze_guide: keep that Guide as it is; it is trained along otherwise
-    :param ortho_init: SB3's orthogonal initialisation, which would undo the channel's own
+    :param ortho_init: SB3's orthogonal initialisation, which would undo FiLM's own and the channel's
     :raises ValueError: if the Guide is of another memory mode, size or message shape
     """
 
@@ -145,7 +147,7 @@ class GuidedLearnerAgent(SpeakingAgent):
     :param hears: name of the intervention that its messages pass through, such as "silent"
         (:data:`~sb3_guide.policies.interventions.INTERVENTIONS`)
     :param size: of the Learner, "compact", "medium" or "paper" (Table A.2)
-    :param ortho_init: SB3's orthogonal initialisation
+    :param ortho_init: SB3's orthogonal initialisation, which would undo FiLM's own and the channel's
     :raises ValueError: if there is no Guide or one of the other memory mode, or no such intervention in its channel
     """
 

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import torch as th
 from gymnasium import spaces
 from stable_baselines3.common.preprocessing import is_image_space
@@ -11,11 +12,13 @@ from torch import nn
 from sb3_guide.policies.gru import input_gates, next_hidden
 from sb3_guide.policies.picture import Picture, check_values, picture_of, words_of
 from sb3_guide.policies.products import transform, transform_looked_up
+from sb3_guide.policies.rows import number_cells
 from sb3_guide.policies.sequences import Observations, Sequences, distinct, frames
 from sb3_guide.policies.short_sequences import WordsGRU
 from sb3_guide.policies.sizes import Size, size_of
 
 KINDS = 4096  # of cells, up to which each that there may be has an embedding of its own
+CELLS = "cells of images"  # to name them in an error
 SMALLEST = 8  # pixels on a side, to which convolutions reduce pictures
 PIXEL_CHANNELS = (16, 32)  # after the first convolution, and after all others
 PICTURES_AT_ONCE = 1024  # bounds the memory that whole sets of episodes take
@@ -122,6 +125,7 @@ class Vision(nn.Module):
         """
         :param images: (N, height, width, channels)
         :return: the same; or, where each kind of cell has a number, (N, height, width) that
+        :raises ValueError: if there are no such cells
         """
         return images
 
@@ -156,7 +160,8 @@ class CompactVision(Vision):
 
     def __init__(self, size: Size, picture: Picture) -> None:
         super().__init__()
-        values, kinds = cells_of(picture), math.prod(cells_of(picture))
+        self.values = values = cells_of(picture)
+        kinds = math.prod(values)
         self.parts = nn.ModuleList(nn.Embedding(count, size.cell) for count in values)
         self.whole = nn.Embedding(kinds, size.cell) if kinds <= KINDS else None
         self.film_cells = FiLM(size.instruction, size.cell)
@@ -170,11 +175,18 @@ class CompactVision(Vision):
 
     def numbered(self, images: th.Tensor) -> th.Tensor:
         if self.whole is None:
+            check_values(CELLS, images, self.values)
             return images
-        return (images.long() * self.place_value).sum(dim=-1)
+        if type(images) is not th.Tensor or images.device.type != "cpu" or images.dtype not in (th.uint8, th.float32):
+            check_values(CELLS, images, self.values)
+            return (images.long() * self.place_value).sum(dim=-1)
+        numbers = images.new_empty(images.shape[:-1], dtype=th.long)
+        if not number_cells(images.flatten(0, -2).numpy(), np.array(self.values), numbers.flatten().numpy()):
+            check_values(CELLS, images, self.values)  # which says what is wrong
+        return numbers
 
     def whole_view(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
-        weight, bias = self.convolution.parameters()
+        weight, bias = self.convolution.weight, self.convolution.bias
         if self.whole is None:
             cells = images.flatten(1, 2).long()  # (N, cells, channels)
             return transform(self.modulated_each(cells, instructions, row).flatten(1), weight, bias)
@@ -281,9 +293,10 @@ class PaperVision(nn.Module):
         super().__init__()
         if min(picture.height, picture.width) < 3:
             raise ValueError(f"size='paper' pools images of {picture.height} x {picture.width} away: expected 3 x 3 and more")
+        self.values = cells_of(picture)
         pool = nn.MaxPool2d(2)
         self.stem = nn.Sequential(
-            nn.Conv2d(len(cells_of(picture)), size.cell, 2, padding=1),  # 7x7 -> 8x8
+            nn.Conv2d(len(self.values), size.cell, 2, padding=1),  # 7x7 -> 8x8
             nn.ReLU(),
             pool,
             nn.Conv2d(size.cell, size.cell, 3, padding=1),  # 4x4
@@ -295,7 +308,12 @@ class PaperVision(nn.Module):
         self.pool = nn.AdaptiveMaxPool2d(1)
 
     def numbered(self, images: th.Tensor) -> th.Tensor:
-        """:return: the images, for they are convolved as they are"""
+        """
+        :param images: (N, height, width, channels)
+        :return: the same, for they are convolved as they are
+        :raises ValueError: if there are no such cells
+        """
+        check_values(CELLS, images, self.values)
         return images
 
     def forward(self, images: th.Tensor, instructions: th.Tensor, row: th.Tensor) -> th.Tensor:
@@ -359,7 +377,7 @@ class FiLMExtractor(BaseFeaturesExtractor):
         representatives, kind = distinct(missions)
         instructions = self.instruct(missions[representatives])
         mission_of_image = kind.repeat_interleave(lengths)
-        seen = self.vision.numbered(self.cells_or_pixels(images))
+        seen = self.vision.numbered(images.movedim(1, -1) if self.picture.channels_first else images)
         looks = seen.flatten(1) if self.picture.values is not None else distinct(bits(images))[1].unsqueeze(1)
         shown, position = distinct(looks, mission_of_image.unsqueeze(1))
         return self.vision(seen[shown], instructions, mission_of_image[shown]), position
@@ -386,17 +404,6 @@ class FiLMExtractor(BaseFeaturesExtractor):
         check_values("missions", missions, (self.instruction.embedding.num_embeddings,))
         instructions: th.Tensor = self.instruction(missions.long())
         return instructions
-
-    def cells_or_pixels(self, images: th.Tensor) -> th.Tensor:
-        """
-        :param images: (..., height, width, channels), or with their channels first where SB3 turned them
-        :return: the same with their channels last
-        :raises ValueError: if there are no such cells
-        """
-        seen = images.movedim(-3, -1) if self.picture.channels_first else images
-        if self.picture.values is not None:
-            check_values("cells of images", seen, self.picture.values)
-        return seen
 
 
 def bits(images: th.Tensor) -> th.Tensor:

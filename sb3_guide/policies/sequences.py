@@ -1,11 +1,13 @@
 """Frames of several episodes (or windows of them) without padding."""
 
 from dataclasses import dataclass
-from functools import cache, cached_property, reduce
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import torch as th
 from gymnasium import spaces
+
+from sb3_guide.policies.rows import distinct_rows
 
 Observations = dict[str, th.Tensor]
 MISSION_CHANGED = (
@@ -119,17 +121,21 @@ def missions_of(observations: Observations) -> th.Tensor:
     return observations.get("mission", images.new_zeros(len(images), 1))
 
 
-def distinct(*parts: th.Tensor) -> tuple[th.Tensor, th.Tensor]:
+def distinct(rows: th.Tensor, more: th.Tensor | None = None) -> tuple[th.Tensor, th.Tensor]:
     """
-    Rows that occur, each once. Compares 64-bit hashes, as sorting whole rows costs more than the encoding it would save;
-    two different rows among a million share a hash with probability 3e-8.
+    Rows that occur, each once. Of large pictures, and on other devices than the CPU, 64-bit hashes are compared, as sorting
+    whole rows costs more than the encoding it would save; two rows among a million share a hash with probability 3e-8.
 
-    :param parts: (N, D) each, of any integral values: what N rows have side by side
+    :param rows: (N, D) of any integral values
+    :param more: (N, E), what stands beside each
     :return: index of one representative a distinct row (U,), and for every row the position of its representative (N,)
     """
-    widths = [part.shape[1] for part in parts]
-    weights = hash_weights(sum(widths), parts[0].device).split(widths)
-    hashes = reduce(th.add, map(hashed, parts, weights))
+    more = rows[:, :0] if more is None else more
+    if type(rows) is th.Tensor and rows.device.type == "cpu" and rows.numel() <= LONGS_AT_ONCE:
+        first, position = distinct_rows(rows.long().numpy(), more.long().numpy())
+        return th.from_numpy(first), th.from_numpy(position)
+    weights = hash_weights(rows.shape[1] + more.shape[1], rows.device)
+    hashes = hashed(rows, weights[: rows.shape[1]]) + hashed(more, weights[rows.shape[1] :])
     _, inverse = th.unique(hashes, return_inverse=True)
     first = th.empty(int(inverse.max()) + 1, dtype=th.long, device=hashes.device)
     first[inverse] = th.arange(len(hashes), device=hashes.device)
@@ -138,7 +144,7 @@ def distinct(*parts: th.Tensor) -> tuple[th.Tensor, th.Tensor]:
 
 def hashed(rows: th.Tensor, weights: th.Tensor) -> th.Tensor:
     """:return: (N,) int64, sums of a row's values times the weights (D,)"""
-    at_once = max(1, LONGS_AT_ONCE // len(weights))
+    at_once = max(1, LONGS_AT_ONCE // max(1, len(weights)))
     return th.cat([(part.long() * weights).sum(dim=1) for part in rows.split(at_once)])
 
 

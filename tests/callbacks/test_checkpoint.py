@@ -50,6 +50,20 @@ def test_resumed_equals_uninterrupted(algorithm, agent, tmp_path):
         assert th.equal(weight, resumed.policy.state_dict()[name]), name
 
 
+@pytest.mark.parametrize("accelerator", [None, {"cuda": th.zeros(16, dtype=th.uint8)}], ids=["earlier version", "elsewhere"])
+def test_a_stream_that_is_not_this_devices_changes_nothing(accelerator, tmp_path):
+    whole = build(PPO).learn(2 * ROLLOUT, callback=TrainingCheckpoint(tmp_path / "training.pt", every_n_rollouts=1))
+    state = load_state(tmp_path / "training.pt")
+    assert state["random"].pop("accelerator") == {}  # of the CPU
+    if accelerator is not None:
+        state["random"]["accelerator"] = accelerator
+    for _ in range(2):  # no training changes what another one begins with
+        resumed = build(PPO)
+        restore_training(resumed, state)
+        resumed.learn(ROLLOUT, reset_num_timesteps=False)
+        assert all(th.equal(weight, resumed.policy.state_dict()[name]) for name, weight in whole.policy.state_dict().items())
+
+
 @pytest.mark.parametrize(
     ("env", "message"),
     [

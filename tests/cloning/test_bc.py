@@ -101,7 +101,7 @@ def test_the_loss_carries_memory_through_the_episode():
 def test_every_agent_learns_what_to_do_about_what_it_sees(policy_class, tmp_path):
     save_agent(make_policy(RecurrentGuidePolicy), tmp_path)
     guided = {"guide": PretrainedGuide.from_folder(tmp_path)} if policy_class is RecurrentGuidedLearnerPolicy else {}
-    policy, demonstrations = make_policy(policy_class, ortho_init=False, **guided), make_demonstrations([3, 2, 4, 3] * 8)
+    policy, demonstrations = make_policy(policy_class, **guided), make_demonstrations([3, 2, 4, 3] * 8)
     actions = demonstrations.episodes.actions
     actions[:] = 2 * (np.arange(len(actions)) % 2)
     demonstrations.episodes.images[:] = actions[:, None, None, None]  # all cells show what to do

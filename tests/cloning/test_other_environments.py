@@ -97,7 +97,7 @@ def test_success_is_what_the_environment_says(tmp_path):
 
 
 def test_pictures_are_cloned():
-    policy = make(RecurrentGuidePolicy, "SignalPixels-v0", ortho_init=False)
+    policy = make(RecurrentGuidePolicy, "SignalPixels-v0")
     episodes = play(policy, "SignalPixels-v0", SEEDS)
     demonstrations = Demonstrations(episodes.select(np.flatnonzero(episodes.successes)), "SignalPixels-v0", {})
     before = policy.network.speaker.film.vision.stem[0].weight.clone()

@@ -2,6 +2,7 @@ import json
 import os
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -34,19 +35,36 @@ def workflow(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return snakefile
 
 
+COMPILED = ("true",)  # instead of the process that compiles the engine
+
+
 @pytest.fixture(autouse=True)
 def fake_stages(workflow: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "SNAKEFILE", workflow)
+    monkeypatch.setattr(module, "COMPILE", COMPILED)
 
 
 @pytest.fixture(scope="session")
-def undisturbed(workflow: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """Summary of a run that nothing disturbs."""
+def finished(workflow: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a run that nothing disturbs."""
     folder = tmp_path_factory.mktemp("undisturbed")
     with pytest.MonkeyPatch.context() as monkeypatch:
         monkeypatch.setattr(module, "SNAKEFILE", workflow)
+        monkeypatch.setattr(module, "COMPILE", COMPILED)
         reproduce("stages", ["GoToObj"], seeds=1, cores=2, out=folder)
-    return summary_of(folder)
+    return folder
+
+
+@pytest.fixture
+def copy(finished: Path, tmp_path: Path) -> Path:
+    """A copy of that folder, with its times and Snakemake's notes."""
+    return shutil.copytree(finished, tmp_path / "copy")
+
+
+@pytest.fixture(scope="session")
+def undisturbed(finished: Path) -> dict[str, Any]:
+    """Summary of that run."""
+    return summary_of(finished)
 
 
 def summary_of(folder: Path) -> dict[str, Any]:
@@ -60,7 +78,8 @@ def start(workflow: Path, folder: Path, seconds: float) -> "subprocess.Popen[byt
     code = (
         "from pathlib import Path; from sb3_guide.experiments.reproduce import reproduce;"
         "from sb3_guide.experiments.workflow import running as module;"
-        f"module.SNAKEFILE = Path({str(workflow)!r}); reproduce('stages', ['GoToObj'], 1, 2, Path({str(folder)!r}))"
+        f"module.SNAKEFILE, module.COMPILE = Path({str(workflow)!r}), {COMPILED!r};"
+        f"reproduce('stages', ['GoToObj'], 1, 2, Path({str(folder)!r}))"
     )
     environment = {**os.environ, "FAKE_SECONDS": str(seconds)}
     make = ["sh", "-c", '"$@"; exit $?', "make", sys.executable, "-c", code]
@@ -147,13 +166,12 @@ def test_a_run_that_is_asked_to_end_leaves_nothing_running(number: signal.Signal
         pass
 
 
-def test_a_clock_that_was_set_back_changes_nothing(undisturbed: dict[str, Any], tmp_path: Path) -> None:
-    reproduce("stages", ["GoToObj"], seeds=1, cores=2, out=tmp_path)
+def test_a_clock_that_was_set_back_changes_nothing(undisturbed: dict[str, Any], copy: Path) -> None:
     tomorrow = time.time() + 24 * 3600
-    for path in [*(tmp_path / "GoToObj" / "demos").iterdir(), *(tmp_path / "GoToObj" / "expert").iterdir()]:
+    for path in [*(copy / "GoToObj" / "demos").iterdir(), *(copy / "GoToObj" / "expert").iterdir()]:
         os.utime(path, (tomorrow, tomorrow))  # these were written before it was
-    reproduce("stages", ["GoToObj"], seeds=1, cores=2, out=tmp_path)
-    assert summary_of(tmp_path) == undisturbed
+    reproduce("stages", ["GoToObj"], seeds=1, cores=2, out=copy)
+    assert summary_of(copy) == undisturbed
 
 
 def test_what_a_killed_run_left_is_ended_and_nothing_else(tmp_path: Path) -> None:
@@ -180,6 +198,25 @@ def test_a_failing_stage_shows_the_end_of_its_log(
     monkeypatch.delenv("FAKE_FAILURE")
     reproduce("stages", ["GoToObj"], seeds=1, cores=2, out=tmp_path)
     assert (tmp_path / "report.html").exists()
+
+
+def test_that_the_engine_compiles_is_told_and_counted(
+    copy: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(module, "COMPILE", ("sh", "-c", "echo compiling the engine; sleep 2"))
+    reproduce("stages", ["GoToObj"], seeds=1, cores=2, out=copy)
+    out, err = capsys.readouterr()
+    assert "compiling the engine\nengine: compiled in 2 s" in err
+    assert "compiling the engine, once on this machine, 0:02" in out
+    assert re.search(r"The run took 0:\d\d .*Expert \(stage 1\) 0:2\d", out)
+
+
+def test_an_engine_that_does_not_compile_is_told(
+    copy: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(module, "COMPILE", ("sh", "-c", "echo no compiler; exit 1"))
+    reproduce("stages", ["GoToObj"], seeds=1, cores=2, out=copy)  # the stages, which would try themselves, don't need it here
+    assert f"engine: did not compile, see {copy / 'log' / 'engine.log'}" in capsys.readouterr().err
 
 
 def test_a_study_of_channels_ends_with_its_page(tmp_path: Path) -> None:

@@ -33,7 +33,7 @@ def folder(tmp_path_factory):
     """Guides that have learned nothing yet."""
     folder = tmp_path_factory.mktemp("others")
     for env_id in OTHERS:
-        guide = RecurrentPPO("GuidePolicy", env_id, n_steps=8, batch_size=8, seed=0, policy_kwargs={"ortho_init": False})
+        guide = RecurrentPPO("GuidePolicy", env_id, n_steps=8, batch_size=8, seed=0)
         save_agent(guide.policy, folder / env_id, level=env_id)
     return folder
 

@@ -10,17 +10,19 @@ from sb3_guide.policies import (
     GuidedLearnerPolicy,
     GuidePolicy,
     LearnerPolicy,
+    PretrainedGuide,
     RecurrentGuidedLearnerPolicy,
     RecurrentGuidePolicy,
     RecurrentLearnerPolicy,
     save_agent,
 )
-from sb3_guide.policies.film import FiLMExtractor
+from sb3_guide.policies.film import FiLM, FiLMExtractor
 from sb3_guide.policies.interventions import Scene
 from sb3_guide.policies.networks import Latent
 from sb3_guide.policies.sequences import Sequences, distinct, windows
 from tests.policies.helpers import HISTORY, make_policy, random_images, random_missions
 
+RECURRENT = [RecurrentLearnerPolicy, RecurrentGuidePolicy, RecurrentGuidedLearnerPolicy]
 PAIRS = [(LearnerPolicy, RecurrentLearnerPolicy), (GuidePolicy, RecurrentGuidePolicy)]
 
 
@@ -51,6 +53,23 @@ def test_sb3_leaves_the_channels_initialisation_alone(window):
     policy = make_policy(GuidePolicy)
     with th.no_grad():
         assert th.allclose(policy.message_log_probs(window).exp(), th.tensor(1 / 9), atol=1e-6)
+
+
+@pytest.mark.parametrize("policy_class", [LearnerPolicy, GuidePolicy, *RECURRENT])
+def test_all_agents_begin_alike_and_sb3_initialises_none_anew(policy_class):
+    guided = {"guide": PretrainedGuide.untrained()} if policy_class is RecurrentGuidedLearnerPolicy else {}
+    policy = make_policy(policy_class, **guided)
+    films = [module for module in policy.modules() if isinstance(module, FiLM)]
+    assert films
+    assert all((film.gamma.bias == 1).all() for film in films)
+    assert policy.action_net.weight.std() > 0.05  # SB3's own is at a hundredth of its size
+    assert not policy.ortho_init
+
+
+def test_sb3s_orthogonal_initialisation_may_be_had():
+    policy = make_policy(LearnerPolicy, ortho_init=True)
+    assert all((module.gamma.bias == 0).all() for module in policy.modules() if isinstance(module, FiLM))
+    assert policy.action_net.weight.std() < 0.005
 
 
 @pytest.mark.parametrize("channel", ["discrete", "continuous"])

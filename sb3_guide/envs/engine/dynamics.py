@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from sb3_guide.envs.engine.cells import AHEAD, BOX, CLOSED, DOOR, EMPTY, KEY, LOCKED, OPAQUE, OPEN, TYPE_BITS
+from sb3_guide.envs.engine.compiled import compiled
 from sb3_guide.envs.engine.missions import contains
 from sb3_guide.envs.engine.rooms import distance
 from sb3_guide.envs.engine.state import AFTER, ALONE, CARRIED, GONE, GOTO, MAX_OBJECTS, NOTHING, OPEN_DOOR, PICKUP, World
@@ -14,7 +14,7 @@ _ZERO = np.uint64(0)
 _LEFT, _RIGHT, _FORWARD, _PICKUP, _DROP, _TOGGLE = range(6)
 
 
-@njit
+@compiled
 def thing_at(world: World, position: int) -> int:
     """:return: the object that lies there, which must exist"""
     thing = 0
@@ -23,7 +23,7 @@ def thing_at(world: World, position: int) -> int:
     return thing
 
 
-@njit
+@compiled
 def toggle(world: World, front: int) -> None:
     """Open or close a door, with the key if it is locked; open a box, which is empty and vanishes."""
     cell = world.cells[front]
@@ -38,14 +38,14 @@ def toggle(world: World, front: int) -> None:
             world.cells[front] = look + OPEN * OPAQUE
 
 
-@njit
+@compiled
 def track(world: World) -> None:
     """Let the verifier look where the objects are."""
     for thing in range(world.objects):
         world.tracked[thing] = world.position[thing]
 
 
-@njit
+@compiled
 def act(world: World, action: int) -> None:
     """Carry out an action, numbered as in Minigrid; `done` does nothing."""
     front = world.agent + AHEAD[world.direction]
@@ -73,7 +73,7 @@ def act(world: World, action: int) -> None:
         toggle(world, front)
 
 
-@njit
+@compiled
 def faces_target(world: World, clause: int, front: int) -> bool:
     """:return: whether the verifier believes that an object of the clause lies in front"""
     there = _ZERO
@@ -82,7 +82,7 @@ def faces_target(world: World, clause: int, front: int) -> bool:
     return there & world.targets[clause, 0] != _ZERO
 
 
-@njit
+@compiled
 def opened_target(world: World, clause: int, front: int) -> bool:
     """:return: whether a door of the clause stands open in front"""
     cell = world.cells[front]
@@ -91,7 +91,7 @@ def opened_target(world: World, clause: int, front: int) -> bool:
     return contains(world.targets[clause, 0], thing_at(world, front))
 
 
-@njit
+@compiled
 def put_next(world: World, clause: int, moved: int) -> bool:
     """:return: whether the object that was carried lies next to a fixed object"""
     if moved == NOTHING or not contains(world.targets[clause, 0], moved):
@@ -103,7 +103,7 @@ def put_next(world: World, clause: int, moved: int) -> bool:
     return False
 
 
-@njit
+@compiled
 def verify_clause(world: World, clause: int, action: int) -> bool:
     """:return: whether the action completes the clause"""
     kind = world.kind[clause]
@@ -119,7 +119,7 @@ def verify_clause(world: World, clause: int, action: int) -> bool:
     return action == _DROP and put_next(world, clause, before)
 
 
-@njit
+@compiled
 def verify_side(world: World, first: int, stop: int, action: int) -> bool:
     """:return: whether all clauses from first up to stop - 1 are done, in any order"""
     done = True
@@ -130,7 +130,7 @@ def verify_side(world: World, first: int, stop: int, action: int) -> bool:
     return done
 
 
-@njit
+@compiled
 def verify(world: World, action: int) -> bool:
     """:return: whether the action completes the mission; one action may complete both sides"""
     split, end = world.second_side, world.clauses
@@ -145,7 +145,7 @@ def verify(world: World, action: int) -> bool:
     return verify_side(world, first, stop, action)
 
 
-@njit
+@compiled
 def advance(world: World, action: int) -> tuple[float, bool, bool]:
     """:return: reward, terminated, truncated after the action"""
     world.steps += 1

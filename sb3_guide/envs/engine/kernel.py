@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 
 from sb3_guide.envs import vocabulary
+from sb3_guide.envs.engine.compiled import compiled
 from sb3_guide.envs.engine.dynamics import advance
 from sb3_guide.envs.engine.recipes import start_episode
 from sb3_guide.envs.engine.state import Rules, World
@@ -74,14 +75,14 @@ def sources_digest() -> int:
     return int.from_bytes(digest[:7], "big")
 
 
-@njit
+@compiled
 def copy_bytes(source: np.ndarray, target: np.ndarray) -> None:
     """Copy a row. Numba's own assignment of arrays is many times slower, for it looks out for overlaps."""
     for place in range(len(target)):
         target[place] = source[place]
 
 
-@njit
+@compiled
 def show(world: World, frames: np.ndarray, index: int, out: Observations) -> None:
     """Write a world's observation; the image becomes the newest of the frames, its last `history` images."""
     copy_bytes(frames, out.history[index])
@@ -92,7 +93,7 @@ def show(world: World, frames: np.ndarray, index: int, out: Observations) -> Non
         copy_bytes(out.image[index], frames[-IMAGE_BYTES:])
 
 
-@njit
+@compiled
 def begin(world: World, rules: Rules, frames: np.ndarray) -> None:
     """Begin an episode: no image has been seen before the first one."""
     start_episode(world, rules)

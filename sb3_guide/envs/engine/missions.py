@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from sb3_guide.envs.engine.cells import AHEAD, COLOURS, DOOR, KEY, LOCKED, STRIDE, TYPE_BITS
+from sb3_guide.envs.engine.compiled import compiled, compiled_for_python
 from sb3_guide.envs.engine.rooms import distance, in_room, room_of
 from sb3_guide.envs.engine.state import (
     AFTER,
@@ -39,7 +39,7 @@ _COLOURS = _phrases(*COLOURS)
 _TYPES = _phrases("door", "key", "ball", "box")  # from DOOR on
 
 
-@njit
+@compiled_for_python
 def clear_mission(world: World) -> None:
     """Forget the mission before a new one is drawn."""
     world.clauses = 0
@@ -50,7 +50,7 @@ def clear_mission(world: World) -> None:
     world.described[:] = ANY
 
 
-@njit
+@compiled_for_python
 def add_clause(world: World, kind: int, description: tuple[int, int, int]) -> None:
     """
     Append a clause.
@@ -66,14 +66,14 @@ def add_clause(world: World, kind: int, description: tuple[int, int, int]) -> No
     describe(world, 0, description)
 
 
-@njit
+@compiled_for_python
 def describe(world: World, which: int, description: tuple[int, int, int]) -> None:
     """Set a description of the newest clause: 0 the object, 1 the fixed object of PUTNEXT."""
     for field in range(3):
         world.described[world.clauses - 1, which, field] = description[field]
 
 
-@njit
+@compiled
 def lies_towards(world: World, rules: Rules, position: int, location: int) -> bool:
     """:return: whether the position is in the agent's room and left of, right of, in front of or behind the agent"""
     if not in_room(rules, room_of(rules, world.agent), position):
@@ -89,7 +89,7 @@ def lies_towards(world: World, rules: Rules, position: int, location: int) -> bo
     return forward > 0 if location == FRONT else forward < 0
 
 
-@njit
+@compiled
 def matching(world: World, rules: Rules, description: tuple[int, int, int]) -> np.uint64:
     """:return: the set of objects in the grid that match, as a mask"""
     kind, colour, location = description
@@ -103,13 +103,13 @@ def matching(world: World, rules: Rules, description: tuple[int, int, int]) -> n
     return found
 
 
-@njit
+@compiled
 def contains(things: np.uint64, thing: int) -> bool:
     """:return: whether the set has the object"""
     return (things >> np.uint64(thing)) & _ONE != _ZERO
 
 
-@njit
+@compiled_for_python
 def resolve_targets(world: World, rules: Rules) -> None:
     """Fix what the descriptions mean for the whole episode."""
     for clause in range(world.clauses):
@@ -118,7 +118,7 @@ def resolve_targets(world: World, rules: Rules) -> None:
             world.targets[clause, which] = matching(world, rules, (words[0], words[1], words[2]))
 
 
-@njit
+@compiled
 def any_adjacent(world: World, moved: np.uint64, fixed: np.uint64) -> bool:
     """:return: whether an object of the first set lies next to one of the second"""
     for a in range(world.objects):
@@ -128,7 +128,7 @@ def any_adjacent(world: World, moved: np.uint64, fixed: np.uint64) -> bool:
     return False
 
 
-@njit
+@compiled
 def opens_a_door(world: World, look: int) -> bool:
     """:return: whether a key of this look fits a locked door"""
     for thing in range(world.objects):
@@ -137,7 +137,7 @@ def opens_a_door(world: World, look: int) -> bool:
     return False
 
 
-@njit
+@compiled
 def is_valid(world: World, rules: Rules) -> bool:
     """:return: whether the mission is not done at the start and, where Minigrid asks for it, leaves needed keys alone"""
     for clause in range(world.clauses):
@@ -152,7 +152,7 @@ def is_valid(world: World, rules: Rules) -> bool:
     return True
 
 
-@njit
+@compiled
 def say(world: World, length: int, phrase: np.ndarray) -> int:
     """Append a phrase to the mission. :return: the mission's new length"""
     for word in phrase:
@@ -162,7 +162,7 @@ def say(world: World, length: int, phrase: np.ndarray) -> int:
     return length
 
 
-@njit
+@compiled
 def say_description(world: World, length: int, clause: int, which: int) -> int:
     """Append a description, such as "a red ball on your left". :return: the mission's new length"""
     words = world.described[clause, which]
@@ -175,7 +175,7 @@ def say_description(world: World, length: int, clause: int, which: int) -> int:
     return length if location == ANY else say(world, length, _PLACES[location])
 
 
-@njit
+@compiled
 def say_clause(world: World, length: int, clause: int) -> int:
     """Append a clause, such as "go to the red ball". :return: the mission's new length"""
     length = say_description(world, say(world, length, _VERBS[world.kind[clause]]), clause, 0)
@@ -184,7 +184,7 @@ def say_clause(world: World, length: int, clause: int) -> int:
     return say_description(world, say(world, length, _NEXT_TO), clause, 1)
 
 
-@njit
+@compiled
 def write_mission(world: World) -> None:
     """Put the whole mission into words."""
     length = 0
@@ -199,7 +199,7 @@ def write_mission(world: World) -> None:
     world.mission[length:MISSION_LENGTH] = 0
 
 
-@njit
+@compiled_for_python
 def steps_allowed(world: World, rules: Rules) -> int:
     """:return: the step limit: every walk to an object may take as many steps as the rooms have cells"""
     walks = world.clauses

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from sb3_guide.envs.engine.cells import BALL, BOX, COLOUR_DRAWS, DOOR, GREY, KEY, LOCKED, RED, TYPE_BITS
+from sb3_guide.envs.engine.compiled import compiled
 from sb3_guide.envs.engine.dynamics import track
 from sb3_guide.envs.engine.missions import (
     add_clause,
@@ -55,13 +55,13 @@ _TYPES = BOX - DOOR + 1
 _EMPTY_SET = np.uint64(0)
 
 
-@njit
+@compiled
 def appearance(world: World, thing: int) -> tuple[int, int, int]:
     """:return: the description of an object by its type and colour"""
     return world.look[thing] & TYPE_BITS, world.look[thing] >> 3, ANY
 
 
-@njit
+@compiled
 def turn_grey(world: World, first: int) -> None:
     """Take the colour from the objects from the first one on."""
     for thing in range(first, world.objects):
@@ -69,7 +69,7 @@ def turn_grey(world: World, first: int) -> None:
         world.cells[world.position[thing]] = world.look[thing]
 
 
-@njit
+@compiled
 def draw_listed_door(world: World, rules: Rules, doors: int) -> int:
     """:return: a door, drawn as Minigrid does: rooms column by column, so every door is listed by both its rooms"""
     left = draw(world, 0, 2 * doors)
@@ -83,7 +83,7 @@ def draw_listed_door(world: World, rules: Rules, doors: int) -> int:
     return found
 
 
-@njit
+@compiled
 def draw_target(world: World, rules: Rules, first: int) -> None:
     """
     Draw the mission of a plain level.
@@ -103,10 +103,10 @@ def draw_target(world: World, rules: Rules, first: int) -> None:
         describe(world, 1, appearance(world, first + other + (other >= chosen)))
 
 
-@njit
+@compiled
 def make_rooms(world: World, rules: Rules) -> bool:
     """Recipe of the levels with one plain clause. :return: False if Minigrid would reject the grid"""
-    if not (place_agent(world, rules) and connect_all(world, rules)):
+    if not (place_agent(world, rules) and connect_all(world, rules, NOTHING)):
         return False
     if rules.red_ball and not add_object(world, rules, 0, BALL | RED << 3):
         return False
@@ -121,16 +121,16 @@ def make_rooms(world: World, rules: Rules) -> bool:
     return True
 
 
-@njit
+@compiled
 def lock(world: World, rules: Rules, room: int, side: int) -> int:
     """Put a locked door into a wall of the room. :return: its colour"""
-    colour = draw_colour(world)
+    colour = draw_colour(world, NOTHING)
     add_door(world, rules, room, side, colour, LOCKED)
     world.locked_room = room
     return colour
 
 
-@njit
+@compiled
 def place_agent_outside(world: World, rules: Rules) -> bool:
     """:return: whether the agent found a place, which is not in the locked room"""
     while place_agent(world, rules):
@@ -139,7 +139,7 @@ def place_agent_outside(world: World, rules: Rules) -> bool:
     return False
 
 
-@njit
+@compiled
 def make_locked_room(world: World, rules: Rules) -> bool:
     """
     Recipe of Unlock and GoToImpUnlock. Minigrid compares rooms by `is` on numpy integers here, which never holds:
@@ -172,7 +172,7 @@ def make_locked_room(world: World, rules: Rules) -> bool:
     return True
 
 
-@njit
+@compiled
 def add_locked_room(world: World, rules: Rules) -> bool:
     """Lock a room and put the key into another one. :return: whether there was space for the key"""
     room = draw_room(world, rules)
@@ -187,7 +187,7 @@ def add_locked_room(world: World, rules: Rules) -> bool:
     return add_object(world, rules, key_room, KEY | colour << 3)
 
 
-@njit
+@compiled
 def only_behind_lock(world: World, rules: Rules, things: np.uint64) -> bool:
     """:return: whether all objects of the set are in the locked room"""
     if world.locked_room == NOTHING:
@@ -198,7 +198,7 @@ def only_behind_lock(world: World, rules: Rules, things: np.uint64) -> bool:
     return True
 
 
-@njit
+@compiled
 def draw_description(world: World, rules: Rules, types: int, lowest: int) -> tuple[int, int, int]:
     """
     Draw a description that matches something.
@@ -218,7 +218,7 @@ def draw_description(world: World, rules: Rules, types: int, lowest: int) -> tup
     return 0, ANY, ANY
 
 
-@njit
+@compiled
 def draw_clause(world: World, rules: Rules) -> bool:
     """:return: whether a clause was found"""
     action = rules.target + draw(world, 0, rules.actions)
@@ -238,7 +238,7 @@ def draw_clause(world: World, rules: Rules) -> bool:
     return fixed[0] != 0
 
 
-@njit
+@compiled
 def draw_side(world: World, rules: Rules, clauses: int) -> bool:
     """:return: whether all clauses of this side were found"""
     for _ in range(clauses):  # noqa: SIM110  numba has no all() of a generator
@@ -247,7 +247,7 @@ def draw_side(world: World, rules: Rules, clauses: int) -> bool:
     return True
 
 
-@njit
+@compiled
 def draw_sentence(world: World, rules: Rules) -> bool:
     """Draw a clause, two joined by "and", or two such sides in order. :return: whether that was found"""
     sentence = draw(world, 0, rules.sentences)
@@ -262,12 +262,12 @@ def draw_sentence(world: World, rules: Rules) -> bool:
     return True
 
 
-@njit
+@compiled
 def make_language(world: World, rules: Rules) -> bool:
     """Recipe of the levels that speak all of BabyAI's language. :return: False if Minigrid would reject the grid"""
     if draw_unit(world) < rules.locked_room_probability and not add_locked_room(world, rules):
         return False
-    if not connect_all(world, rules):
+    if not connect_all(world, rules, NOTHING):
         return False
     if not add_distractors(world, rules, NOTHING, rules.distractors, False):
         return False
@@ -278,7 +278,7 @@ def make_language(world: World, rules: Rules) -> bool:
     return draw_sentence(world, rules)
 
 
-@njit
+@compiled
 def make(world: World, rules: Rules) -> bool:
     """Draw one grid and mission. :return: False if Minigrid would reject them"""
     build_rooms(world, rules)
@@ -295,7 +295,7 @@ def make(world: World, rules: Rules) -> bool:
     return is_valid(world, rules)
 
 
-@njit
+@compiled
 def start_episode(world: World, rules: Rules) -> None:
     """Draw grids until Minigrid would accept one, and begin the episode."""
     while not make(world, rules):

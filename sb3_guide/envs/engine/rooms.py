@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from sb3_guide.envs.engine.cells import (
     AHEAD,
@@ -18,6 +17,7 @@ from sb3_guide.envs.engine.cells import (
     TYPE_BITS,
     WALL,
 )
+from sb3_guide.envs.engine.compiled import compiled
 from sb3_guide.envs.engine.state import NOTHING, Rules, World
 from sb3_guide.envs.engine.stream import draw
 
@@ -26,26 +26,26 @@ _CONNECT_TRIES = 5001  # ... or of a door
 _RANKS = np.argsort(COLOUR_DRAWS)  # where a colour stands in the draw
 
 
-@njit
+@compiled
 def position_of(x: int, y: int) -> int:
     """:return: flat index of column x and row y of the level"""
     return (y + PADDING) * STRIDE + x
 
 
-@njit
+@compiled
 def distance(a: int, b: int) -> int:
     """:return: Manhattan distance of two positions"""
     return abs(a % STRIDE - b % STRIDE) + abs(a // STRIDE - b // STRIDE)
 
 
-@njit
+@compiled
 def room_of(rules: Rules, position: int) -> int:
     """:return: index of the room; a shared wall belongs to the room on its right or below"""
     x, y = position % STRIDE, position // STRIDE - PADDING
     return y // (rules.room_size - 1) * rules.columns + x // (rules.room_size - 1)
 
 
-@njit
+@compiled
 def in_room(rules: Rules, room: int, position: int) -> bool:
     """:return: whether the position lies in the room, its walls included"""
     x = position % STRIDE - room % rules.columns * (rules.room_size - 1)
@@ -53,7 +53,7 @@ def in_room(rules: Rules, room: int, position: int) -> bool:
     return 0 <= x < rules.room_size and 0 <= y < rules.room_size
 
 
-@njit
+@compiled
 def neighbour(rules: Rules, room: int, side: int) -> int:
     """:return: the room to the right, below, to the left or above, or NOTHING"""
     column, row = room % rules.columns, room // rules.columns
@@ -66,7 +66,7 @@ def neighbour(rules: Rules, room: int, side: int) -> int:
     return room - rules.columns if row > 0 else NOTHING
 
 
-@njit
+@compiled
 def build_rooms(world: World, rules: Rules) -> None:
     """Draw the places of possible doors and put the agent into the middle, without objects."""
     inner = rules.room_size - 1
@@ -93,7 +93,7 @@ def build_rooms(world: World, rules: Rules) -> None:
     world.direction = 0
 
 
-@njit
+@compiled
 def add_thing(world: World, look: int, position: int) -> int:
     """:return: index of the new object or door"""
     thing = world.objects
@@ -103,8 +103,8 @@ def add_thing(world: World, look: int, position: int) -> int:
     return thing
 
 
-@njit
-def draw_colour(world: World, without: int = NOTHING) -> int:
+@compiled
+def draw_colour(world: World, without: int) -> int:
     """:return: one of the six colours, or of five if one is left out"""
     if without == NOTHING:
         return COLOUR_DRAWS[draw(world, 0, len(COLOUR_DRAWS))]
@@ -112,28 +112,28 @@ def draw_colour(world: World, without: int = NOTHING) -> int:
     return COLOUR_DRAWS[rank + (rank >= _RANKS[without])]
 
 
-@njit
+@compiled
 def draw_room(world: World, rules: Rules) -> int:
     """:return: a room, its column drawn before its row"""
     column = draw(world, 0, rules.columns)
     return draw(world, 0, rules.rows) * rules.columns + column
 
 
-@njit
+@compiled
 def corner_of(rules: Rules, room: int) -> int:
     """:return: position of the room's top left corner"""
     inner = rules.room_size - 1
     return position_of(room % rules.columns * inner, room // rules.columns * inner)
 
 
-@njit
+@compiled
 def draw_position(world: World, rules: Rules, corner: int) -> int:
     """:return: a position in the room with this corner, its walls included"""
     x = draw(world, 0, rules.room_size)
     return corner + x + draw(world, 0, rules.room_size) * STRIDE
 
 
-@njit
+@compiled
 def add_object(world: World, rules: Rules, room: int, look: int) -> bool:
     """:return: whether a free cell, not next to the agent, was found for the new object"""
     corner = corner_of(rules, room)
@@ -146,7 +146,7 @@ def add_object(world: World, rules: Rules, room: int, look: int) -> bool:
     return False
 
 
-@njit
+@compiled
 def has_look(world: World, look: int) -> bool:
     """:return: whether an object looks like that"""
     for thing in range(world.objects):  # noqa: SIM110  numba has no any() of a generator
@@ -155,7 +155,7 @@ def has_look(world: World, look: int) -> bool:
     return False
 
 
-@njit
+@compiled
 def add_distractors(world: World, rules: Rules, room: int, count: int, unique: bool) -> bool:
     """
     Add random keys, balls and boxes.
@@ -167,7 +167,7 @@ def add_distractors(world: World, rules: Rules, room: int, count: int, unique: b
     """
     added = 0
     while added < count:
-        colour = draw_colour(world)
+        colour = draw_colour(world, NOTHING)
         look = KEY + draw(world, 0, 3) | colour << 3
         if unique and has_look(world, look):
             continue
@@ -178,7 +178,7 @@ def add_distractors(world: World, rules: Rules, room: int, count: int, unique: b
     return True
 
 
-@njit
+@compiled
 def add_door(world: World, rules: Rules, room: int, side: int, colour: int, state: int) -> None:
     """Put a door between the room and its neighbour."""
     look = DOOR | colour << 3
@@ -189,7 +189,7 @@ def add_door(world: World, rules: Rules, room: int, side: int, colour: int, stat
     world.room_locked[room] = state == LOCKED
 
 
-@njit
+@compiled
 def connected(world: World, rules: Rules) -> bool:
     """:return: whether doors lead from any room to all others"""
     rooms = rules.rows * rules.columns
@@ -204,8 +204,8 @@ def connected(world: World, rules: Rules) -> bool:
     return reached == (1 << rooms) - 1
 
 
-@njit
-def connect_all(world: World, rules: Rules, without: int = NOTHING) -> bool:
+@compiled
+def connect_all(world: World, rules: Rules, without: int) -> bool:
     """
     Add doors until every room can be reached. A locked room keeps its one door.
 
@@ -225,7 +225,7 @@ def connect_all(world: World, rules: Rules, without: int = NOTHING) -> bool:
     return False
 
 
-@njit
+@compiled
 def place_agent(world: World, rules: Rules) -> bool:
     """:return: whether the agent found a free cell in a drawn room, facing another free cell or a wall"""
     corner = corner_of(rules, draw_room(world, rules))
@@ -244,13 +244,13 @@ def place_agent(world: World, rules: Rules) -> bool:
             return True
 
 
-@njit
+@compiled
 def around(rows: np.ndarray, row: int) -> int:
     """:return: bits of the columns in this row that are set or next to one that is set, in rows of bits"""
     return rows[row] | rows[row] << 1 | rows[row] >> 1 | rows[row - 1] | rows[row + 1]
 
 
-@njit
+@compiled
 def all_reachable(world: World, rules: Rules) -> bool:
     """:return: whether the agent can come next to every object and door without moving an object; locks do not count"""
     inner = rules.room_size - 1

@@ -7,8 +7,8 @@ Constants are unsigned 64-bit throughout: numba turns a mix of signed and unsign
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from sb3_guide.envs.engine.compiled import compiled
 from sb3_guide.envs.engine.state import World
 
 _MULTIPLIER_HIGH, _MULTIPLIER_LOW = np.uint64(0x2360ED051FC65DA4), np.uint64(0x4385DF649FCCF645)
@@ -17,7 +17,7 @@ _ZERO, _ONE, _11, _32, _58, _63 = (np.uint64(value) for value in (0, 1, 11, 32, 
 _TO_UNIT = 1.0 / (1 << 53)
 
 
-@njit
+@compiled
 def high_product(a: np.uint64, b: np.uint64) -> np.uint64:
     """:return: the high 64 bits of the 128-bit product"""
     a_low, a_high, b_low, b_high = a & _LOW_HALF, a >> _32, b & _LOW_HALF, b >> _32
@@ -26,7 +26,7 @@ def high_product(a: np.uint64, b: np.uint64) -> np.uint64:
     return a_high * b_high + (middle >> _32) + (other >> _32)
 
 
-@njit
+@compiled
 def next_word(world: World) -> np.uint64:
     """:return: the next 64 bits; the waiting half word stays"""
     high, low = world.stream[0], world.stream[1]
@@ -39,7 +39,7 @@ def next_word(world: World) -> np.uint64:
     return (word >> turn) | (word << ((_ZERO - turn) & _63))
 
 
-@njit
+@compiled
 def next_half(world: World) -> np.uint64:
     """:return: the next 32 bits"""
     if world.has_uint32:
@@ -51,7 +51,7 @@ def next_half(world: World) -> np.uint64:
     return word & _LOW_HALF
 
 
-@njit
+@compiled
 def draw(world: World, low: np.int64, high: np.int64) -> np.int64:
     """:return: an integer from low up to high - 1, as `Generator.integers`: Lemire's method on half words"""
     count = np.uint64(high - low)
@@ -65,13 +65,13 @@ def draw(world: World, low: np.int64, high: np.int64) -> np.int64:
     return low + np.int64(product >> _32)
 
 
-@njit
+@compiled
 def draw_unit(world: World) -> float:
     """:return: a float in [0, 1), as `Generator.uniform`"""
     return np.float64(next_word(world) >> _11) * _TO_UNIT
 
 
-@njit
+@compiled
 def draw_bool(world: World) -> bool:
     """:return: Minigrid's fair coin"""
     return draw(world, 0, 2) == 0

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from sb3_guide.envs.engine.cells import AHEAD, EMPTY, OPAQUE, VIEW, decoding_table
+from sb3_guide.envs.engine.compiled import compiled
 from sb3_guide.envs.engine.state import NOTHING, World
 
 _DECODED = decoding_table()
@@ -35,7 +35,7 @@ def _spreading_table() -> np.ndarray:
 _SPREAD = _spreading_table()
 
 
-@njit
+@compiled
 def write_cell(image: np.ndarray, column: int, row: int, cell: np.uint64) -> None:
     """Write type, colour and state of a cell. Numba is faster with unsigned indices, which cannot count from the end."""
     decoded = _DECODED[cell]
@@ -45,7 +45,7 @@ def write_cell(image: np.ndarray, column: int, row: int, cell: np.uint64) -> Non
     image[place + _TWO] = decoded >> _16
 
 
-@njit
+@compiled
 def observe(world: World, image: np.ndarray) -> None:
     """
     Write the agent's view, row by row away from the agent, as far as light comes.

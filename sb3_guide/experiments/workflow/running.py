@@ -23,6 +23,8 @@ from sb3_guide.files import read_json, write_json
 SNAKEFILE = Path(__file__).with_name("Snakefile")
 RUN_VARIABLE = "SB3_GUIDE_RUN"  # in the environment of every process of a run: the run's folder
 POLL_SECONDS = 0.5
+COMPILE = (sys.executable, "-m", "sb3_guide.experiments.workflow.compiling")
+ENGINE_SECONDS = "engine_seconds.json"
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # Ctrl-C; kill; a terminal that is closed
 
 
@@ -129,7 +131,8 @@ def run_workflow(config: dict[str, Any], cores: int, folder: Path) -> float:
     :param config: of the Snakefile: "study", "levels", "seeds" and "conditions"
     :param cores: of this machine
     :param folder: of the runs
-    :return: seconds that the runs have taken, all calls that worked on them together
+    :return: seconds that the runs have taken, all calls that worked on them together, and the engine's compilation if they
+        had to wait for it
     :raises RuntimeError: if a stage fails
     """
     stopwatch, log = Stopwatch(folder / "log" / "seconds.json"), folder / "log" / "snakemake.log"
@@ -143,13 +146,20 @@ def run_workflow(config: dict[str, Any], cores: int, folder: Path) -> float:
     ]
     # threads that spin while they wait make a stage several times slower as soon as other processes want the cores
     environment = {"OMP_WAIT_POLICY": "PASSIVE", **os.environ, RUN_VARIABLE: str(folder), "TQDM_MININTERVAL": "1"}
+    engine = Engine(folder / "log", environment)
     process = subprocess.Popen(
         command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     )
-    with ended(process), closing(Display(folder, cores)) as display, log.open("w", buffering=1) as file:
+    with (
+        ended(engine.process),
+        ended(process),
+        closing(Display(folder, cores)) as display,
+        log.open("w", buffering=1) as file,
+    ):
         for line in lines_of(process):
             stopwatch.save()
             file.write(line)
+            display.say(engine.news())
             display.show(line)
         process.wait()  # here, for whoever is still there when the block ends is killed
     if process.returncode:
@@ -160,6 +170,49 @@ def run_workflow(config: dict[str, Any], cores: int, folder: Path) -> float:
             reason = f"Snakemake was killed by signal {-process.returncode}"
         raise RuntimeError(f"The workflow stopped ({reason}), see {log}. The same command goes on from where it stopped")
     return stopwatch.save()
+
+
+class Engine:
+    """
+    Compiles the levels' engine in a process of its own while Snakemake plans, and the agents' networks while the expert
+    learns. A stage that needs the engine earlier waits for it. If all is compiled already, the process ends in a moment.
+
+    :param folder: of the logs, made if need be
+    :param environment: of the process
+    """
+
+    def __init__(self, folder: Path, environment: dict[str, str]) -> None:
+        self.log, self.took = folder / "engine.log", folder / ENGINE_SECONDS
+        self.told = self.done = False
+        self.start = time.monotonic()
+        with self.log.open("w") as file:
+            self.process = subprocess.Popen(
+                COMPILE, env=environment, stdin=subprocess.DEVNULL, stdout=file, stderr=subprocess.STDOUT, text=True
+            )
+
+    def news(self) -> str:
+        """:return: what there is to tell since the last call: that it has to be compiled, or how long that took"""
+        if self.done or not (said := last_lines(self.log)):
+            return ""
+        if not self.told:
+            self.told = True
+            return said[0]
+        if self.process.poll() is None:
+            return ""
+        self.done, seconds = True, round(time.monotonic() - self.start, 1)
+        if self.process.returncode:
+            return f"engine: did not compile, see {self.log}"
+        write_json(self.took, seconds)
+        return f"engine: compiled in {seconds:.0f} s"
+
+
+def compiling_seconds(folder: Path) -> float | None:
+    """
+    :param folder: of a run
+    :return: seconds that the engine compiled for in one of its calls; None if it was compiled before
+    """
+    path = folder / "log" / ENGINE_SECONDS
+    return read_json(path, float) if path.exists() else None
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from safetensors.numpy import save_file
+from scipy.stats import binomtest
 
 from sb3_guide.cloning import Demonstrations, mission_seeds, play, save_demonstrations
 from sb3_guide.cloning.demonstrations import FORMAT
@@ -19,7 +20,7 @@ from sb3_guide.experiments.stages.ablate import ablate_agent
 from sb3_guide.experiments.stages.analyze import analyze
 from sb3_guide.experiments.stages.levels import level_of_agent
 from sb3_guide.experiments.stages.speak import speak_to, text_of
-from sb3_guide.experiments.stages.statistics import paired_successes
+from sb3_guide.experiments.stages.statistics import paired_successes, wilson_interval
 from sb3_guide.experts import expert_folder, load_expert
 from sb3_guide.files import checksum
 from sb3_guide.language import Dictionary
@@ -95,6 +96,13 @@ def test_what_each_intervention_costs(tmp_path):
     assert list(found) == ["spoken", "silent", "uniform", "marginal", "shuffled", "delayed", "swapped 0", "swapped 1"]
     assert found["spoken"]["success_rate"] > 0.9 > found["silent"]["success_rate"]
     assert found["silent"]["p_value"] < 0.001
+
+
+@pytest.mark.parametrize("trials", [1, 7, 500])
+def test_wilson_intervals_are_those_of_scipy(trials):
+    for successes in {0, 1, trials // 3, trials - 1, trials}:
+        expected = binomtest(successes, trials).proportion_ci(method="wilson")
+        assert wilson_interval(successes, trials) == pytest.approx((expected.low, expected.high), abs=1e-12)
 
 
 def test_paired_successes_by_hand():

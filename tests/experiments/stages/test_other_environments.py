@@ -34,7 +34,6 @@ BC = {
     "batch_size": 10,
     "learning_rate": 0.001,
     "ent_weight": 0.01,
-    "policy_kwargs": {"ortho_init": False},
 }
 
 

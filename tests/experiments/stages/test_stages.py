@@ -556,7 +556,7 @@ def test_a_callback_that_is_not_ours(tmp_path):
     ],
 )
 def test_wrong_arguments(arguments, message, demos, tmp_path):
-    config = write_config(tmp_path / "bc.yml", BC | {"policy_kwargs": {"ortho_init": False}})
+    config = write_config(tmp_path / "bc.yml", BC)
     usual = {"level": "GoToObj", "demos": [demos], "seed": 0, "threads": 1, "resume": False, "config_file": config}
     with pytest.raises(ValueError, match=message):
         clone(out=tmp_path / "out", **{**usual, **arguments})

@@ -55,7 +55,7 @@ def test_hyper_parameters_in_words_of_the_command_line() -> None:
         'policy_kwargs:{"message_length": 1, "vocabulary_size": 2, "channel": "continuous"}',
     ]
     config = override(load_config("bc", "GoToLocal"), catalogue.params(run))
-    assert config["policy_kwargs"] == {"ortho_init": False, "message_length": 1, "vocabulary_size": 2, "channel": "continuous"}
+    assert config["policy_kwargs"] == {"message_length": 1, "vocabulary_size": 2, "channel": "continuous"}
 
 
 def test_levels_and_seeds_select() -> None:
