@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -122,9 +123,9 @@ def pin(cores: int) -> None:
         os.sched_setaffinity(0, set(sorted(ALL_CORES)[:cores]))
 
 
-def measure(levels: list[str], sizes: list[int], engines: list[str], seconds: float) -> list[dict[str, object]]:
+def measure(levels: list[str], sizes: list[int], engines: list[str], seconds: float) -> list[dict[str, Any]]:
     """:return: a row for every engine, level and number of worlds"""
-    rows: list[dict[str, object]] = []
+    rows: list[dict[str, Any]] = []
     cases = [(engine, level, worlds) for level in levels for worlds in sizes for engine in engines]
     for engine, level, worlds in tqdm(cases, disable=None):
         if engine in ("minigrid", "envpool") and level == "PutNext":
@@ -137,8 +138,22 @@ def measure(levels: list[str], sizes: list[int], engines: list[str], seconds: fl
     return rows
 
 
+def table(rows: list[dict[str, Any]], worlds: int) -> str:
+    """:return: Markdown, a row for every level: so many worlds of ours beside Minigrid's and EnvPool's"""
+    speeds = {(row["engine"], row["level"]): row["steps_per_second"] for row in rows if row["worlds"] == worlds}
+    names = (f"level, {worlds:,} worlds", "ours, steps/s", "Minigrid", "EnvPool", "times Minigrid", "times EnvPool")
+    lines = [f"| {' | '.join(names)} |", "|---" * len(names) + "|"]
+    for level in dict.fromkeys(level for _, level in speeds):
+        us, *others = (speeds.get((engine, level)) for engine in ("ours", "minigrid", "envpool"))
+        if us:
+            cells = [f"{other:,.0f}" if other else "-" for other in (us, *others)]
+            cells += [f"{us / other:,.1f}" if other else "-" for other in others]
+            lines.append(f"| {level} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
 def main() -> None:
-    """Measure what is asked for, and write it down with the versions of everything that was measured."""
+    """Measure what is asked for, print it, and write it down with the versions of everything that was measured."""
     parser = argparse.ArgumentParser(description="Steps per second of our levels, Minigrid's and EnvPool's.")
     parser.add_argument("--levels", nargs="+", default=list(LEVELS), help="names of levels")
     parser.add_argument("--worlds", nargs="+", type=int, default=[1, 64, 1024], help="how many worlds step at once")
@@ -149,6 +164,7 @@ def main() -> None:
     engines = [engine for engine in arguments.engines if engine != "envpool" or installed("envpool")]
     levels = [level_of(level).name for level in arguments.levels]
     rows = measure(levels, arguments.worlds, engines, arguments.seconds)
+    print("\n\n".join(table(rows, worlds) for worlds in sorted(arguments.worlds, reverse=True)))
     if arguments.out:
         report = {"machine": platform.processor() or platform.machine(), "versions": versions(), "speed": rows}
         arguments.out.write_text(json.dumps(report, indent=1))

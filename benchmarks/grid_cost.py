@@ -1,7 +1,7 @@
 """
 What the study of section 4.1 would take at the paper's size: its demonstrations and epochs (Table A.2, figure 4), ten seeds.
 
-    python -m benchmarks.grid_cost --speed docs/results/bc_speed.json
+    python -m benchmarks.grid_cost --speed docs/results/speed.json
 
 Takes the measured frames/s of one core for each agent; validations come on top. A chain, of a Guide and a guided Learner, is
 what no number of cores makes shorter.
@@ -12,6 +12,7 @@ from typing import Annotated
 
 import typer
 
+from benchmarks.speed import GUIDE, GUIDED, LEARNER
 from sb3_guide.files import read_json
 
 LEVELS = {  # demonstrations, frames in each, epochs
@@ -22,21 +23,25 @@ LEVELS = {  # demonstrations, frames in each, epochs
     "PutNextLocal": (100_000, 13.2, 25),
     "GoTo": (100_000, 56.8, 25),
 }
-RUNS = {"learner": 2, "guide": 2, "guided": 6}  # runs of the study by the agent whose speed they have
+RUNS = {LEARNER: 2, GUIDE: 2, GUIDED: 6}  # runs of the study by the agent whose speed they have
 SEEDS = 10
 CORES = (1, 16, 128)
 
 
-def main(speed: Annotated[Path, typer.Option(help="Result of benchmarks.bc_speed.")]) -> None:
+def main(
+    speed: Annotated[Path, typer.Option(help="Result of benchmarks.speed.")],
+    kind: Annotated[str, typer.Option(help="Of instructions: all, or AVX2.")] = "all",
+) -> None:
     """Print the table."""
-    rates = {row["agent"]: row["frames_per_second"] for row in read_json(speed)["agents"]}
+    rows = read_json(speed)["kinds"][kind]["rows"]
+    rates = {row["agent"]: row["per_second"] for row in rows if row["what"] == "cloning, batches of 256, frames"}
     print("| level | frames a run | core hours |", " | ".join(f"days on {cores} cores" for cores in CORES), "|")
     print("|---|---|---|" + "---|" * len(CORES))
     for level, (episodes, length, epochs) in LEVELS.items():
         frames = episodes * length * epochs
         seconds = {agent: frames / rates[agent] for agent in RUNS}
         total = SEEDS * sum(runs * seconds[agent] for agent, runs in RUNS.items())
-        chain = seconds["guide"] + seconds["guided"]
+        chain = seconds[GUIDE] + seconds[GUIDED]
         days = (max(total / cores, chain) / 86_400 for cores in CORES)
         print(f"| {level} | {frames / 1e6:.1f} M | {total / 3600:,.1f} |", " | ".join(f"{day:.2f}" for day in days), "|")
 

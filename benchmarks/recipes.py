@@ -24,6 +24,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from benchmarks.experts import of_expert
+from benchmarks.versions import processor, this_commit
 from sb3_guide.cloning import mission_seeds
 from sb3_guide.experiments.stages.runs import read_table, write_table
 from sb3_guide.files import read_json
@@ -39,19 +40,6 @@ INSTRUCTIONS: dict[str, dict[str, str]] = {  # variables that hide a processor's
 POINTS = 60  # of a curve
 WAYS = ("drawn", "greedy")
 COLOURS = ("#0072b2", "#d55e00", "#007d5b", "#a3508a", "#e69f00")
-
-
-def processor() -> str:
-    """:return: which one this is, as Linux tells it"""
-    lines = Path("/proc/cpuinfo").read_text().splitlines()
-    found = dict(reversed([[part.strip() for part in line.split(":", 1)] for line in lines if ":" in line]))
-    return f"{found['model name']}, family {found['cpu family']}, model {found['model']}"
-
-
-def this_commit() -> str:
-    """:return: of the checkout"""
-    command = ["git", "-C", str(Path(__file__).parent), "rev-parse", "--short=7", "HEAD"]
-    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
 
 
 def train(level: str, seed: int, folder: Path, options: list[str], variables: Mapping[str, str]) -> dict[str, float]:
