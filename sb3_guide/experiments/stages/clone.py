@@ -190,7 +190,7 @@ def override(config: dict[str, Any], params: Sequence[str]) -> dict[str, Any]:
     """
     changes = dict(param.partition(":")[::2] for param in params)
     of_agents = [name for name in config if name != "recorded_episodes"]  # which is for the demonstrations
-    known = list(dict.fromkeys([*of_agents, "arithmetic"]))
+    known = list(dict.fromkeys([*of_agents, "policy_kwargs", "arithmetic"]))
     if unknown := changes.keys() - set(known):
         raise ValueError(f"--params {', '.join(sorted(unknown))} are unknown: expected NAME:VALUE of {', '.join(known)}")
     try:
@@ -198,7 +198,8 @@ def override(config: dict[str, Any], params: Sequence[str]) -> dict[str, Any]:
     except ValueError as error:
         raise ValueError(f"--params {', '.join(params)}: expected values in YAML ({error})") from error
     for name, value in values.items():
-        values[name] = {**config[name], **value} if isinstance(config.get(name), dict) and isinstance(value, dict) else value
+        before = config.get(name, {})
+        values[name] = {**before, **value} if isinstance(before, dict) and isinstance(value, dict) else value
     return checked({**config, **values})
 
 

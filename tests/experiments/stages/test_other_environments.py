@@ -6,6 +6,7 @@ import gymnasium
 import minigrid  # noqa: F401  # registers its environments
 import numpy as np
 import pytest
+import torch as th
 import yaml
 
 from sb3_guide.cloning import Demonstrations, Episodes, save_demonstrations
@@ -19,7 +20,7 @@ from sb3_guide.experiments.stages.record import record_demonstrations
 from sb3_guide.experiments.stages.speak import speak_to
 from sb3_guide.files import read_json
 from sb3_guide.language.animation import drawn
-from sb3_guide.policies import load_agent
+from sb3_guide.policies import load_agent, save_agent
 
 PICK = "tests.toys:Pick-v0"
 DOOR_KEY = "MiniGrid-DoorKey-5x5-v0"
@@ -64,8 +65,11 @@ def test_an_expert(folder):
     train_expert(PICK, folder / "expert", 0, 1, False, folder / "ppo.yml")
     assert load_agent(folder / "expert").observation_space["image"].shape == (1, 2, 1)
     assert read_json(folder / "expert" / "agent.json")["level"] == "Pick-v0"
+    poor = load_agent(folder / "expert")
+    th.nn.init.constant_(poor.action_net.bias[:1], 100.0)  # goes left, whatever it sees
+    save_agent(poor, folder / "poor", PICK)
     with pytest.raises(ValueError, match=r"the expert solved \d+ of 20 missions of Pick-v0: train it longer"):
-        record_demonstrations(PICK, folder / "expert", "train", 20, folder / "train.safetensors", 1)
+        record_demonstrations(PICK, folder / "poor", "train", 20, folder / "train.safetensors", 1)
 
 
 def test_a_guide_and_what_it_says(folder, guide):
