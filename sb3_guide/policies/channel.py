@@ -139,7 +139,7 @@ class MessageDecoder(nn.Module):
         :param generator: source of the Gumbel noise; None means the most probable symbols, without noise
         :return: (K, length, vocabulary_size), one-hot or, in a continuous channel, any numbers
         """
-        if generator is None and is_few(memory, th.float32) and (weights := self._views()) is not None:
+        if generator is None and (weights := self._views(memory)) is not None:
             said = compiled.say(*weights, memory.numpy(), self.shape.length, self.shape.continuous)
             return th.from_numpy(said)
         gates, hidden = input_gates(self.embedding.weight.t(), self.cell), memory
@@ -150,8 +150,10 @@ class MessageDecoder(nn.Module):
             symbols.append(self.logits(hidden) if self.shape.continuous else self.choose(hidden, generator))
         return th.stack(symbols, dim=1)
 
-    def _views(self) -> tuple[Symbols, Linear] | None:
-        """:return: views of the weights that the most probable message depends on"""
+    def _views(self, memory: th.Tensor) -> tuple[Symbols, Linear] | None:
+        """:return: views of the weights that messages depend on; None where torch has to compute them"""
+        if not is_few(memory, th.float32) or memory.shape[1] != self.cell.hidden_size:
+            return None
         symbols, logits = self.symbols.get(symbol_weights, self.embedding, self.cell), self.to_logits.get(linear, self.logits)
         return None if symbols is None or logits is None else (symbols, logits)
 
@@ -179,7 +181,7 @@ class MessageDecoder(nn.Module):
         :raises ValueError: as :meth:`MessageShape.all`
         """
         self.shape.check_enumerable()
-        if is_few(memory, th.float32) and (weights := self._views()) is not None:
+        if (weights := self._views(memory)) is not None:
             return th.from_numpy(compiled.log_probs(*weights, memory.numpy(), self.shape.length))
         gates, hidden = input_gates(self.embedding.weight.t(), self.cell), memory
         before, total = gates[:1], memory.new_zeros(len(memory))  # of every beginning: (K * beginnings,)
@@ -214,6 +216,7 @@ class MessageEncoder(nn.Module):
         """
         if (
             is_few(symbols, th.float32, FEW_MESSAGES)
+            and symbols.shape[2] == self.shape.vocabulary_size
             and (weights := self.views.get(symbol_weights, self.embedding, self.gru)) is not None
         ):
             return th.from_numpy(compiled.hear(weights, symbols.numpy()))
@@ -230,4 +233,5 @@ class MessageEncoder(nn.Module):
 @cache
 def every_message(shape: MessageShape) -> th.Tensor:
     """:return: (M, length, vocabulary_size) one-hot symbols of every message, in the order of its index; not to be changed"""
-    return F.one_hot(shape.all(), shape.vocabulary_size).float()
+    with th.inference_mode(False):  # else it could not take part in training later
+        return F.one_hot(shape.all(), shape.vocabulary_size).float()

@@ -14,22 +14,23 @@ import numpy as np
 import torch as th
 from numba import njit
 from torch import nn
+from torch.nn.modules.module import _global_forward_hooks, _global_forward_pre_hooks
 from torch.nn.utils.parametrize import is_parametrized
 
 from sb3_guide.policies.film import CompactVision, FiLMExtractor
 
 Array: TypeAlias = np.ndarray
 
-FEW_WORLDS = 8  # up to which this is faster than torch, which computes all worlds together
-FEW_MESSAGES = 64  # the same
+FEW_WORLDS = 8  # of more worlds torch is faster, as it computes them together
+FEW_MESSAGES = 64  # likewise, of messages that are read
 EPSILON = 1e-5  # of layer normalisation, as torch has it
-# Sums may be reordered, which makes them several times as fast; what is not finite stays so
+# Sums may be reordered, which makes them several times as fast
 OPTIONS: dict[str, Any] = {"nogil": True, "cache": True, "fastmath": {"reassoc", "contract", "nsz"}, "error_model": "numpy"}
 
 
 class Linear(NamedTuple):
     """
-    Weights of a linear layer, or of the one half of a gate's.
+    Weights of a linear layer, or of what either the input or the hidden state adds to the gates.
 
     :param weight: (out, in)
     :param bias: (out,)
@@ -276,9 +277,8 @@ def mixed(symbol: Array, gates: Array, out: Array) -> None:
     """Write what a symbol (vocabulary,) adds to the gates: one-hot, or numbers of a continuous channel."""
     out[:] = 0.0
     for each in range(len(symbol)):
-        if symbol[each] != 0.0:
-            for gate in range(len(out)):
-                out[gate] += symbol[each] * gates[each, gate]
+        for gate in range(len(out)):
+            out[gate] += symbol[each] * gates[each, gate]
 
 
 @njit(**OPTIONS)
@@ -297,7 +297,7 @@ def say(weights: Symbols, logits: Linear, memory: Array, length: int, continuous
             symbol = said[world, place]
             gru_step(weights.of_hidden, before, hidden[world], hidden[world])
             apply(logits, hidden[world], symbol)
-            if not continuous:
+            if not continuous and not np.isnan(symbol).any():
                 best = symbol.argmax()
                 symbol[:] = 0.0
                 symbol[best] = 1.0
@@ -377,24 +377,27 @@ class Views(Generic[T]):
             contiguous, or somebody has hooked in
         """
         places = places_of(modules)
-        if places is None:
+        if places is None or _global_forward_hooks or _global_forward_pre_hooks:
             return None
         if self._kept[0] != places:
             self._kept = places, build(*modules) if all(map(are_plain, modules)) else None
         return self._kept[1]
 
 
-def places_of(modules: Sequence[nn.Module]) -> list[tuple[int, bool]] | None:
+def places_of(modules: Sequence[nn.Module]) -> list[Any] | None:
     """
-    In a tenth of the time that ``parameters()`` takes.
+    What tells whether views are still those of the modules' weights. Walks through the modules by itself, as ``parameters()``
+    takes ten times as long.
 
-    :return: address and contiguity of every weight; None if somebody has hooked in, so that modules have to be called
+    :return: every module, and the address and contiguity of its weights; None if one has hooks, so that it has to be called
     """
-    places, left = [], list(modules)
+    places: list[Any] = []
+    left = list(modules)
     while left:
         module = left.pop()
         if module._forward_hooks or module._forward_pre_hooks:
             return None
+        places.append(id(module))
         places += [(weight.data_ptr(), weight.is_contiguous()) for weight in module._parameters.values() if weight is not None]
         left += module._modules.values()  # type: ignore[arg-type]
     return places
@@ -411,9 +414,14 @@ def are_plain(module: nn.Module) -> bool:
 def trunk_weights(film: FiLMExtractor, lstm: nn.LSTM) -> Weights | None:
     """:return: views of a trunk's weights; None where it looks at images in another way"""
     vision = film.vision
-    if not isinstance(vision, CompactVision) or vision.whole is None or film.picture.channels_first:
+    if type(vision) is not CompactVision or vision.whole is None or film.picture.channels_first:
         return None
     films = (vision.film_cells, vision.film_mixed, vision.film_view)
+    layers = [vision.mix, vision.convolution, vision.out, *(half for each in films for half in (each.gamma, each.beta))]
+    ours = all(type(layer) is nn.Linear and layer.bias is not None and "forward" not in vars(layer) for layer in layers)
+    norm = vision.normalise
+    if not (ours and type(norm) is nn.LayerNorm and not norm.elementwise_affine and norm.eps == EPSILON):
+        return None  # somebody has put modules of their own there
     read_word, read_hidden = halves(film.instruction.gru)
     remember_input, remember_hidden = halves(lstm)
     return Weights(
@@ -473,9 +481,12 @@ def remember_few(
     if not (is_few(images, th.uint8) and is_few(missions, th.uint8)):
         return None
     weights = views.get(trunk_weights, film, lstm)
-    if weights is None:
+    form = (film.picture.height, film.picture.width, film.picture.channels)
+    if weights is None or images.shape[2:] != form or len(missions) != len(images):
         return None
     size = weights.remember_hidden.weight.shape[1]
+    if state is not None and any(part.shape != (1, len(images), size) or part.dtype != th.float32 for part in state):
+        return None
     h, c = np.zeros((2, len(images), size), np.float32) if state is None else (part[0].numpy().copy() for part in state)
     if not run(weights, images.flatten(2, 3).numpy(), missions.numpy(), h, c):
         return None  # so that torch's way says what is wrong
@@ -487,8 +498,8 @@ def is_few(part: th.Tensor, dtype: th.dtype, most: int = FEW_WORLDS) -> bool:
     :param part: (B, ...)
     :param dtype: that it is to have
     :param most: rows
-    :return: whether this is of few worlds, on the CPU and contiguous, and nobody asks for gradients, records operators or
-        changes their types
+    :return: whether compiled code may compute with it: it has few rows, is on the CPU and contiguous; and gradients are off,
+        as are tracing, torch.compile and autocast
     """
     if type(part) is not th.Tensor or part.dtype != dtype or len(part) > most or part.device.type != "cpu":
         return False

@@ -12,7 +12,7 @@ from torch import nn
 from sb3_guide.policies.gru import input_gates, next_hidden
 from sb3_guide.policies.picture import Picture, check_values, picture_of, words_of
 from sb3_guide.policies.products import transform, transform_looked_up
-from sb3_guide.policies.rows import number_cells
+from sb3_guide.policies.rows import is_plain, number_cells
 from sb3_guide.policies.sequences import Observations, Sequences, distinct, frames
 from sb3_guide.policies.short_sequences import WordsGRU
 from sb3_guide.policies.sizes import Size, size_of
@@ -177,7 +177,8 @@ class CompactVision(Vision):
         if self.whole is None:
             check_values(CELLS, images, self.values)
             return images
-        if type(images) is not th.Tensor or images.device.type != "cpu" or images.dtype not in (th.uint8, th.float32):
+        readable = is_plain(images) and images.dtype in (th.uint8, th.float32) and images.shape[-1] == len(self.values)
+        if not readable:
             check_values(CELLS, images, self.values)
             return (images.long() * self.place_value).sum(dim=-1)
         numbers = images.new_empty(images.shape[:-1], dtype=th.long)

@@ -52,7 +52,9 @@ class Memory(nn.Module):
         :param state: before it
         :return: the output (B, hidden) and the state after it
         """
-        h, c = th.lstm_cell(features, (state[0].squeeze(0), state[1].squeeze(0)), *self.lstm.parameters())
+        before = state[0].squeeze(0), state[1].squeeze(0)
+        with th.autocast(features.device.type, enabled=False):  # under which the cell would mix types
+            h, c = th.lstm_cell(features.to(before[0].dtype), before, *self.lstm.parameters())
         return h, (h.unsqueeze(0), c.unsqueeze(0))
 
     def last_of_windows(self, features: th.Tensor, began: th.Tensor) -> th.Tensor:

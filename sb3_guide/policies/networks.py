@@ -327,7 +327,7 @@ class GuidedLearner(GuideNetwork):
         return (learner_h.contiguous(), learner_c.contiguous()), (speaker_h.contiguous(), speaker_c.contiguous())
 
     def speaker_memory(self, memory: th.Tensor) -> th.Tensor:
-        return memory[:, self.parts[0] :]
+        return memory[:, self.parts[0] :].contiguous()
 
     def read(self, memory: th.Tensor, encoding: th.Tensor) -> th.Tensor:
         return th.cat([memory[:, : self.parts[0]], encoding], dim=-1)

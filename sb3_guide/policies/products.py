@@ -13,7 +13,7 @@ import torch as th
 from llvmlite.binding import get_host_cpu_features
 from torch.nn.functional import linear
 
-from sb3_guide.policies.rows import add_rows
+from sb3_guide.policies.rows import add_rows, is_plain
 
 ARITHMETICS = ("float32", "bfloat16")
 UNITS = ("avx512bf16", "amx-bf16")  # that multiply bfloat16, as LLVM names them
@@ -130,7 +130,7 @@ def added_up(grad: th.Tensor, index: th.Tensor, shape: th.Size) -> th.Tensor:
     :return: the table's gradient
     """
     rows, total = grad.reshape(-1, shape[1]), grad.new_zeros(shape)
-    if type(grad) is th.Tensor and grad.device.type == "cpu" and grad.dtype == th.float32:
+    if is_plain(grad) and grad.dtype == th.float32:
         add_rows(rows.numpy(), index.flatten().numpy(), total.numpy())
         return total
     return total.index_add_(0, index.flatten(), rows)

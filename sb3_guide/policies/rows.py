@@ -1,11 +1,20 @@
-"""Which rows of whole numbers are equal, and cells as numbers, compiled: torch would sort, and call a dozen operators."""
+"""
+Compiled: find equal rows, number cells, add up rows. Torch sorts for the first and needs a dozen operators for the second.
+"""
 
 from typing import Any
 
 import numpy as np
+import torch as th
 from numba import njit
 
 OPTIONS: dict[str, Any] = {"nogil": True, "cache": True}
+
+
+def is_plain(*parts: th.Tensor) -> bool:
+    """:return: whether numpy can read these tensors: they are on the CPU, and nobody asks for their gradients or traces"""
+    plain = all(type(part) is th.Tensor and part.device.type == "cpu" and not part.requires_grad for part in parts)
+    return plain and not th.jit.is_tracing()
 
 
 @njit(**OPTIONS)
@@ -14,8 +23,8 @@ def distinct_rows(rows: np.ndarray, more: np.ndarray) -> tuple[np.ndarray, np.nd
     A hash table of rows, which are compared whole where their hashes meet.
 
     :param rows: (N, D) int64
-    :param more: (N, E) int64, what stands beside each
-    :return: index of the first of each distinct row (U,), and for every row the position of its equal there (N,)
+    :param more: (N, E) int64, further columns of the same rows
+    :return: index of the first of each distinct row (U,), and for every row which of them it equals (N,)
     """
     size = 2
     while size < 2 * len(rows):

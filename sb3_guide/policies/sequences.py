@@ -7,7 +7,7 @@ from typing import NamedTuple
 import torch as th
 from gymnasium import spaces
 
-from sb3_guide.policies.rows import distinct_rows
+from sb3_guide.policies.rows import distinct_rows, is_plain
 
 Observations = dict[str, th.Tensor]
 MISSION_CHANGED = (
@@ -131,7 +131,7 @@ def distinct(rows: th.Tensor, more: th.Tensor | None = None) -> tuple[th.Tensor,
     :return: index of one representative a distinct row (U,), and for every row the position of its representative (N,)
     """
     more = rows[:, :0] if more is None else more
-    if type(rows) is th.Tensor and rows.device.type == "cpu" and rows.numel() <= LONGS_AT_ONCE:
+    if is_plain(rows, more) and len(rows) == len(more) and rows.numel() <= LONGS_AT_ONCE:
         first, position = distinct_rows(rows.long().numpy(), more.long().numpy())
         return th.from_numpy(first), th.from_numpy(position)
     weights = hash_weights(rows.shape[1] + more.shape[1], rows.device)

@@ -1,13 +1,15 @@
 """
 A GRU over a few missions' words and an LSTM over a few short windows, forward and backward.
 
-Torch's own steps leave a dozen nodes each for the gradients. Here the backward pass does what does not depend on the step
+Autograd would record a dozen nodes for each step. Here the backward pass does what does not depend on the step
 before for all steps at once, and three to five products for each step.
 """
 
 from typing import Any
 
 import torch as th
+from torch.amp import custom_bwd, custom_fwd
+from torch.autograd.function import once_differentiable
 
 
 class WordsGRU(th.autograd.Function):
@@ -19,6 +21,7 @@ class WordsGRU(th.autograd.Function):
     """
 
     @staticmethod
+    @custom_fwd(device_type="cpu", cast_inputs=th.float32)
     def forward(  # type: ignore[override]
         ctx: Any, inputs: th.Tensor, is_word: th.Tensor, weight: th.Tensor, bias: th.Tensor
     ) -> th.Tensor:
@@ -42,6 +45,8 @@ class WordsGRU(th.autograd.Function):
         return before[-1].clone()
 
     @staticmethod
+    @once_differentiable
+    @custom_bwd(device_type="cpu")
     def backward(ctx: Any, dh: th.Tensor) -> tuple[th.Tensor | None, ...]:  # type: ignore[override]
         is_word, weight, before, gates, of_hidden, new = ctx.saved_tensors
         reset, update = gates.chunk(2, dim=2)  # (L, N, hidden)
@@ -69,6 +74,7 @@ class WindowsLSTM(th.autograd.Function):
     """
 
     @staticmethod
+    @custom_fwd(device_type="cpu", cast_inputs=th.float32)
     def forward(ctx: Any, inputs: th.Tensor, weight: th.Tensor) -> th.Tensor:  # type: ignore[override]
         """
         :param inputs: (T, B, 4 * hidden); where they are minus infinity the state stays zero
@@ -91,6 +97,8 @@ class WindowsLSTM(th.autograd.Function):
         return hs[-1].clone()
 
     @staticmethod
+    @once_differentiable
+    @custom_bwd(device_type="cpu")
     def backward(ctx: Any, dh: th.Tensor) -> tuple[th.Tensor, th.Tensor]:  # type: ignore[override]
         weight, h, c, gates, shown = ctx.saved_tensors
         put, keep, new, show = gates.chunk(4, dim=2)  # (T, B, hidden)

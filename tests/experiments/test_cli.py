@@ -15,10 +15,6 @@ from sb3_guide.experts import expert_folder
 COMMANDS = ("expert", "record", "clone", "evaluate", "analyze", "ablate", "speak", "reproduce")
 
 
-def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-m", "sb3_guide.experiments.cli", *arguments], capture_output=True, text=True)
-
-
 def test_help_names_every_stage():
     shown = CliRunner().invoke(app, ["--help"]).output
     assert all(command in shown for command in COMMANDS)
@@ -45,10 +41,21 @@ def test_every_stage_explains_itself(command):
 )
 def test_wrong_use_ends_with_one_line(arguments, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    ended = run(*arguments)
+    monkeypatch.setattr(sys, "argv", ["sb3-guide", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert isinstance(ended.value.code, str)  # which Python prints, and ends with 1
+    assert message in ended.value.code
+    assert "\n" not in ended.value.code
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_process_that_was_used_wrongly_says_that_line_last(tmp_path):
+    command = [sys.executable, "-m", "sb3_guide.experiments.cli", "expert", "--level", "GoToMars", "--out", "x"]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert ended.returncode != 0
     assert "Traceback" not in ended.stderr
-    assert message in ended.stderr.splitlines()[-1]
+    assert "GoToMars" in ended.stderr.splitlines()[-1]
     assert not list(tmp_path.iterdir())
 
 

@@ -22,9 +22,9 @@ from sb3_guide.policies import (
     RecurrentLearnerPolicy,
     save_agent,
 )
-from sb3_guide.policies.compiled import FEW_WORLDS, remember_few
+from sb3_guide.policies.compiled import FEW_WORLDS, remember_few, say
 from sb3_guide.policies.rows import distinct_rows, number_cells
-from sb3_guide.policies.sequences import windows
+from sb3_guide.policies.sequences import frames, windows
 from sb3_guide.policies.short_sequences import WindowsLSTM, WordsGRU
 from tests.policies.helpers import HISTORY, make_policy, random_images, random_missions
 
@@ -180,6 +180,30 @@ def test_every_change_of_weights_shows_at_once(change, tmp_path):
     assert th.allclose(after, by_torch(lambda: log_probs(policy, obs)), atol=1e-5)
 
 
+def change_by_a_class_of_ones_own(film):
+    class Adapted(nn.Linear):
+        def forward(self, x):
+            return super().forward(x) + 1.0
+
+    adapted = Adapted(*reversed(film.vision.mix.weight.shape))
+    adapted.load_state_dict(film.vision.mix.state_dict())
+    film.vision.mix = adapted
+
+
+def change_of_the_normalisation(film):
+    film.vision.normalise = nn.Identity()
+
+
+@pytest.mark.parametrize("change", [change_by_a_class_of_ones_own, change_of_the_normalisation])
+def test_modules_of_ones_own_are_called(change, tmp_path):
+    policy, obs = policy_of(LearnerPolicy, tmp_path), observe(2)
+    with th.no_grad():
+        log_probs(policy, obs)
+        change(policy.network.film)
+        after = log_probs(policy, obs)
+    assert th.allclose(after, by_torch(lambda: log_probs(policy, obs)), atol=1e-5)
+
+
 def test_loaded_and_doubled_weights_are_those_that_are_used(tmp_path):
     policy, obs = policy_of(GuidePolicy, tmp_path), observe(1)
     other = make_policy(GuidePolicy)
@@ -222,6 +246,75 @@ def test_what_is_unknown_is_an_error_with_its_name(name, value, message, tmp_pat
     obs[name].view(-1)[0] = value
     with th.no_grad(), pytest.raises(ValueError, match=message):
         policy(obs)
+
+
+@pytest.mark.parametrize(
+    ("rows", "width"), [(1, 64), (3, 64), (2, 61), (2, 67)], ids=["too few", "too many", "too narrow", "too wide"]
+)
+def test_states_of_another_shape_are_refused(rows, width):
+    policy, obs = make_policy(RecurrentLearnerPolicy), observe(2)
+    with th.no_grad(), pytest.raises(RuntimeError, match=r"hidden|hx|size"):
+        policy.network.step(frames(obs), (th.zeros(1, rows, width), th.zeros(1, rows, width)))
+
+
+@pytest.mark.parametrize("shape", [(9, 9, 3), (5, 7, 3), (7, 7, 2), (7, 7, 4)])
+@pytest.mark.parametrize("gradients", [False, True])
+def test_images_of_another_shape_are_refused(shape, gradients):
+    policy, obs = make_policy(LearnerPolicy, history=0), observe(2)
+    with th.set_grad_enabled(gradients), pytest.raises(RuntimeError, match="shape"):
+        policy.network({"image": th.ones(2, *shape, dtype=th.uint8), "mission": obs["mission"]})
+
+
+@pytest.mark.parametrize("n_missions", [1, 3])
+def test_as_many_missions_as_worlds_are_needed(n_missions):
+    policy, obs = make_policy(LearnerPolicy), observe(2)
+    with th.no_grad(), pytest.raises(RuntimeError, match="size"):
+        policy.network({**obs, "mission": random_missions(n_missions)})
+
+
+def test_messages_of_other_widths_are_refused():
+    channel = make_policy(GuidePolicy).channel
+    with th.no_grad():
+        with pytest.raises(RuntimeError, match="shape"):
+            channel.speak(th.randn(2, 69))
+        with pytest.raises(RuntimeError, match="shape"):
+            channel.encoder(th.ones(2, 2, 7))
+
+
+@pytest.mark.parametrize("policy_class", [GuidePolicy, GuidedLearnerPolicy])
+@pytest.mark.parametrize("n_worlds", [1, 2, FEW_WORLDS])
+def test_the_messages_of_a_few_worlds_are_compiled(policy_class, n_worlds, tmp_path):
+    policy, obs = policy_of(policy_class, tmp_path), observe(n_worlds)
+    with th.no_grad(), patch("sb3_guide.policies.compiled.say", wraps=say) as compiled:
+        policy.predict({name: part.numpy() for name, part in obs.items()}, deterministic=True)
+    assert compiled.called
+
+
+@pytest.mark.parametrize("n_worlds", [2, 40])
+def test_autocast_is_torchs(n_worlds):
+    policy, obs = make_policy(LearnerPolicy), observe(n_worlds)
+    with th.autocast("cpu", dtype=th.bfloat16), th.no_grad():
+        close = policy.network(obs).memory
+    with th.no_grad():
+        assert th.allclose(close.float(), policy.network(obs).memory, atol=0.1)
+    carried = make_policy(RecurrentLearnerPolicy)
+    state = tuple(th.zeros(1, n_worlds, carried.network.state_size) for _ in range(2))
+    with th.autocast("cpu", dtype=th.bfloat16):
+        carried.network.step(frames(obs), state)
+
+
+def test_training_follows_metrics_in_inference_mode():
+    encoder = make_policy(GuidePolicy, message_length=3, vocabulary_size=4).channel.encoder  # a form of its own
+    with th.inference_mode():
+        encoder.all()
+    encoder.all().sum().backward()
+    assert encoder.gru.weight_hh_l0.grad is not None
+
+
+def test_saliency_of_images_is_possible():
+    policy, obs = make_policy(LearnerPolicy), observe(2)
+    image = obs["image"].float().requires_grad_()
+    assert policy.network({**obs, "image": image}).memory.shape == (2, 64)
 
 
 def test_what_is_no_number_stays_none(tmp_path):

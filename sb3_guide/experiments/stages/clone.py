@@ -26,7 +26,7 @@ from sb3_guide.files import parse_yaml, read_json
 from sb3_guide.policies import AgentPolicy, PretrainedGuide, save_agent
 from sb3_guide.policies.folder import NETWORK
 from sb3_guide.policies.interventions import intervention_of
-from sb3_guide.policies.products import usual_arithmetic
+from sb3_guide.policies.products import check_arithmetic, usual_arithmetic
 from sb3_guide.policies.recurrent import RecurrentGuidedLearnerPolicy, RecurrentGuidePolicy, RecurrentLearnerPolicy
 from sb3_guide.policies.saving import start_from
 
@@ -81,6 +81,7 @@ def clone(
     check_agent(agent, guide, freeze_guide, hears, init)
     policy_kwargs = guide_kwargs(agent, guide, freeze_guide, hears)
     config = override(shared_config(names, config_file), params)
+    chosen = config.pop("arithmetic", None)
     settings: dict[str, Any] = {
         "agent": agent,
         "level": join_levels(names),
@@ -93,7 +94,7 @@ def clone(
         "init": None if init is None else str(init),
         "config": config,
     }
-    settings["arithmetic"] = arithmetic = arithmetic_of(out, settings)
+    settings["arithmetic"] = arithmetic = arithmetic_of(out, settings, chosen)
     files = [folder / f"{split}.safetensors" for folder in demos for split in ("train", "validation")]
     agents = [Path(folder) / NETWORK for folder in (guide, init) if folder not in (None, UNTRAINED)]
     with stage("clone", settings, [*files, *agents], out, resume, renew) as run:
@@ -201,19 +202,25 @@ def override(config: dict[str, Any], params: Sequence[str]) -> dict[str, Any]:
     return checked({**config, **values})
 
 
-def arithmetic_of(out: Path, settings: dict[str, Any]) -> str:
+def arithmetic_of(out: Path, settings: dict[str, Any], chosen: str | None) -> str:
     """
-    The arithmetic that the hyper-parameters name; else that of the run that is to go on, which may have begun on another kind
-    of processor; else what suits this processor. Says so in a line where it is slow here.
+    The arithmetic that was chosen; else that of the run that is to go on, which may have begun on another kind of processor;
+    else what suits this processor. Prints a line where a run goes on in another arithmetic than this processor's, and one
+    where bfloat16 is slow.
 
     :param out: folder of the agent
     :param settings: of the run, but for its arithmetic
+    :param chosen: among the hyper-parameters
     :return: "float32" or "bfloat16"
+    :raises ValueError: if the run that is there has none of them
     """
     begun = read_json(out / SETTINGS) if (out / SETTINGS).is_file() else {}
     goes_on = all(begun.get(name) == value for name, value in settings.items())
     usual = usual_arithmetic(th.device("cpu"))
-    arithmetic: str = settings["config"].get("arithmetic") or (begun.get("arithmetic") if goes_on else None) or usual
+    arithmetic: str = chosen or (begun.get("arithmetic") if goes_on else None) or usual
+    check_arithmetic(arithmetic)
+    if (out / "run.json").exists():
+        return arithmetic  # nothing is left to compute
     if goes_on and arithmetic != usual:
         print(f"{out} goes on in {arithmetic}, as it began; a new run would compute in {usual} here", file=sys.stderr)
     if arithmetic == "bfloat16" != usual:
