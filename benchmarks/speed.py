@@ -209,11 +209,11 @@ def contests(level: str, size: str) -> dict[str, Callable[[], Contest]]:
     stock, recurrent = "MultiInputPolicy", "MultiInputLstmPolicy"
     return {
         "levels, steps": partial(levels, level),
+        "PPO's predict, calls": partial(predicting, PPO, stock, level),
+        "RecurrentPPO's predict, calls": partial(predicting, RecurrentPPO, recurrent, level),
         "PPO, steps": partial(training, PPO, stock, level),
         "A2C, steps": partial(training, A2C, stock, level),
         "RecurrentPPO, steps": partial(training, RecurrentPPO, recurrent, level),
-        "PPO's predict, calls": partial(predicting, PPO, stock, level),
-        "RecurrentPPO's predict, calls": partial(predicting, RecurrentPPO, recurrent, level),
         "cloning, batches of 256, frames": partial(cloning, level, size, 256),
         "cloning, batches of 32, frames": partial(cloning, level, size, 32),
         "cloning, batches of 256, always in bfloat16, frames": partial(cloning, level, size, 256, "bfloat16"),
@@ -242,7 +242,7 @@ def measure(level: str, size: str, turns: int, only: str) -> dict[str, Any]:
         if only not in what:
             continue
         peer, *agents = contest = build()
-        speeds = np.array([[turn() for turn in contest.values()] for _ in range(turns + 1)])[1:]  # the first warms up
+        speeds = np.array([[turn() for turn in contest.values()] for _ in range(turns)])  # a median leaves out the first
         for agent, of_agent in zip(agents, speeds.T[1:], strict=True):
             low, times, high = np.quantile(of_agent / speeds[:, 0], [0.25, 0.5, 0.75]).round(3).tolist()
             medians = {"peer_per_second": round(np.median(speeds[:, 0])), "per_second": round(np.median(of_agent))}
@@ -269,7 +269,7 @@ def main(
     out: Annotated[Path, typer.Option(help="JSON file for the results.")],
     level: Annotated[str, typer.Option(help="Where everything is measured.")] = "GoToLocal",
     size: Annotated[str, typer.Option(help="Of the agents that are cloned.")] = "compact",
-    turns: Annotated[int, typer.Option(help="Of each, after one to warm up.")] = 5,
+    turns: Annotated[int, typer.Option(help="Of each; the first also warms up.")] = 5,
     only: Annotated[str, typer.Option(help="Rows with this in their names.")] = "",
     alone: Annotated[bool, typer.Option(help="In this process, with what instructions it has.")] = False,
 ) -> None:
