@@ -35,7 +35,9 @@ def main(
     """Print the table."""
     rows = read_json(speed)["kinds"][kind]["rows"]
     rates = {row["agent"]: row["per_second"] for row in rows if row["what"] == "cloning, batches of 256, frames"}
-    print("| level | frames a run | core hours |", " | ".join(f"days on {cores} cores" for cores in CORES), "|")
+    print(
+        "| level | frames a run | core hours |", " | ".join(f"days on {cores} core{'s' * (cores > 1)}" for cores in CORES), "|"
+    )
     print("|---|---|---|" + "---|" * len(CORES))
     for level, (episodes, length, epochs) in LEVELS.items():
         frames = episodes * length * epochs
