@@ -53,7 +53,7 @@ class Memory(nn.Module):
         :return: the output (B, hidden) and the state after it
         """
         before = state[0].squeeze(0), state[1].squeeze(0)
-        with th.autocast(features.device.type, enabled=False):  # under which the cell would mix types
+        with th.autocast("cpu", enabled=False):  # under which the cell would mix types
             h, c = th.lstm_cell(features.to(before[0].dtype), before, *self.lstm.parameters())
         return h, (h.unsqueeze(0), c.unsqueeze(0))
 
