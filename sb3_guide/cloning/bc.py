@@ -148,7 +148,7 @@ def episode_bc(
     :param logger: imitation's; None makes a new one
     :return: the algorithm and its loader, which counts its epochs
     :raises ValueError: if the demonstrations are of another observation space or fewer than a batch, the memory is a window,
-        or there is no such arithmetic
+        or the arithmetic is unknown
     """
     arithmetic = usual_arithmetic(policy.device) if arithmetic is None else arithmetic
     check_arithmetic(arithmetic)

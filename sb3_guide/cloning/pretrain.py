@@ -34,7 +34,7 @@ def pretrain(
     :param seed: of the order of the episodes and of messages
     :param arithmetic: see :func:`~sb3_guide.cloning.bc.episode_bc`
     :raises ValueError: if the policy has no memory, the demonstrations are of another observation space or too
-        few, or there is no such arithmetic
+        few, or the arithmetic is unknown
     """
     if not hasattr(model, "_logger"):
         model.set_logger(configure_logger(model.verbose, model.tensorboard_log, type(model).__name__))

@@ -147,7 +147,7 @@ def film(gamma: Array, beta: Array, x: Array) -> None:
     """Modulate and rectify, in place."""
     for channel in range(len(x)):
         value = beta[channel] + gamma[channel] * x[channel]
-        x[channel] = np.float32(0.0) if value < 0.0 else value  # what is no number stays none
+        x[channel] = np.float32(0.0) if value < 0.0 else value  # NaN stays NaN
 
 
 @njit(**OPTIONS)

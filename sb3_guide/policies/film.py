@@ -124,8 +124,8 @@ class Vision(nn.Module):
     def numbered(self, images: th.Tensor) -> th.Tensor:
         """
         :param images: (N, height, width, channels)
-        :return: the same; or, where each kind of cell has a number, (N, height, width) that
-        :raises ValueError: if there are no such cells
+        :return: (N, height, width) the number of each cell's kind; the images as they are where kinds have no numbers
+        :raises ValueError: if a cell has a value outside the observation space
         """
         return images
 
@@ -311,8 +311,8 @@ class PaperVision(nn.Module):
     def numbered(self, images: th.Tensor) -> th.Tensor:
         """
         :param images: (N, height, width, channels)
-        :return: the same, for they are convolved as they are
-        :raises ValueError: if there are no such cells
+        :return: the images as they are
+        :raises ValueError: if a cell has a value outside the observation space
         """
         check_values(CELLS, images, self.values)
         return images
